@@ -551,7 +551,7 @@ static void check_saved_states(warnings *list, const tl_config *config, const tl
         char path[64];
         (void)snprintf(path, sizeof path, "components.%.40s", config->components[i].name);
         const char *words = tl_read_back_text(found->finding);
-        if (tl_read_back_is_useless(found->finding)) {
+        if (tl_read_back_prevents_resume(found->finding)) {
             warn(list, path,
                  "a saved state of it %s (%.300s): start it with `run --supervise --state DIR`, which detects that and "
                  "saves none, or set \"record.resume_s\" to 0",

@@ -462,7 +462,7 @@ static void print_states(const tl_assembly *assembly, FILE *output) {
  * no longer fits into the budget of a step. */
 static void print_replay(const tl_config *config, const tl_twin_ledger *entry, tl_time each, FILE *output) {
     const tl_fmi2_replay *replay = &entry->replay;
-    tl_time longest = replay->beginning + each * (tl_time)replay->most;
+    tl_time longest = replay->longest_reset + each * (tl_time)replay->most;
     (void)fprintf(output,
                   "  replay       %s is rolled back in its first %" PRIu32 " steps,\n"
                   "               %g s of plant time, and then runs free;\n"
@@ -476,7 +476,7 @@ static void print_replay(const tl_config *config, const tl_twin_ledger *entry, t
         (void)fputs("\n", output);
         return;
     }
-    tl_time remaining = config->budget_time - replay->beginning;
+    tl_time remaining = config->budget_time - replay->longest_reset;
     tl_time fitting = remaining > 0 ? remaining / each : 0;
     (void)fprintf(output, ";\n               from %g s on longer than the budget of %g ms\n",
                   tl_seconds(config->step * fitting), tl_seconds(config->budget_time) * 1e3);
@@ -664,7 +664,7 @@ static const char *describe_read_back(const tl_read_back_component *found) {
         return "refused";
     case TL_READ_BACK_IS_OTHER:
         return "loaded, but then gives other values";
-    case TL_READ_BACK_NOT_FOUND:
+    case TL_READ_BACK_NOT_REPEATABLE:
         return "gives other values after loading, also in the process that saved it";
     case TL_READ_BACK_UNKNOWN:
         break;
@@ -732,7 +732,7 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
         tl_late_verification_get(assembly, prognosis.next_tick, &rollback);
     }
     print_rollback_test(assembly, &rollback, output);
-    tl_read_back_take(assembly, host, &states);
+    tl_read_back_run(assembly, host, &states);
     print_read_back(assembly, &states, output);
     if (!job->unconfined) {
         print_limits(assembly, job->memory, output);
@@ -759,10 +759,10 @@ static void find_useless_states(const tl_assembly *assembly, const tl_read_back_
     tl_error error;
     tl_status status =
         tl_prognosis_run_dry(assembly, tl_twin_get_facts(assembly->twin).lead + (int64_t)TRIED_AFTER, &sample, &error);
-    tl_read_back_take(assembly, status == TL_OK ? host : NULL, &report);
+    tl_read_back_run(assembly, status == TL_OK ? host : NULL, &report);
     for (size_t i = 0; i < report.count; i++) {
         const tl_read_back_component *found = &report.of[i];
-        if (tl_read_back_is_useless(found->finding)) {
+        if (tl_read_back_prevents_resume(found->finding)) {
             (void)snprintf(why, TL_TWIN_CHECK_WHY, "a saved state of %.40s %s (%.250s)",
                            assembly->config.components[i].name, tl_read_back_text(found->finding), found->text);
             break;

@@ -11,7 +11,7 @@
 
 /* Prints to `page` what the job asks for. `status`: result of building the assembly. If it is not
  * TL_OK, logs the number of problems if it is above 1, prints at most the list of variables, and
- * returns `status`. `host` as in tl_read_back_take(). Sets *found to the results, for example the
+ * returns `status`. `host` as in tl_read_back_run(). Sets *found to the results, for example the
  * number of warnings. */
 tl_status tl_check_page_print(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
                               const tl_read_back_host *host, FILE *page, tl_twin_check *found);

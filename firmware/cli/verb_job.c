@@ -85,7 +85,7 @@ tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, FILE *result
     return (tl_twin_child_settings){
         .job = &job->order,
         .config = &job->config,
-        .results = results,
+        .page = results,
         .print_page = tl_check_page_print,
         .call_limit = tl_time_of_seconds(job->options->call_limit_s),
         .memory_limit = (uint64_t)job->options->memory_limit_mib * 1024 * 1024,

@@ -4,12 +4,13 @@
  *              White space is ignored; 5, 5.0 and 5e0 are equal, but 0 and -0 are not. An absent
  *              key differs from a key with any value. A different order of keys in an object is
  *              reported separately (`is_order`), for callers to which it matters.
- * Arrays:      equal elements at the start and at the end are paired. The elements between them are
- *              paired in their order. So one inserted or removed element is one difference. A path
- *              contains the new index of an element, or the old index if it was removed.
- * Order:       differences are reported by the bytes of their keys, and by index in arrays.
- * Whole parts: an object or array without a counterpart of the same type is one difference. Its
- *              parts follow as further differences with `within`.
+ * Arrays:      equal elements at the start and at the end are paired; the remaining ones are paired
+ *              by position. So one inserted or removed element is one difference, plus its parts
+ *              (`within`). A path contains the new index of an element, or the old index if it was
+ *              removed.
+ * Order:       differences are sorted by the bytes of their keys, and by index in arrays.
+ * Whole parts: an object or array without a counterpart of the same type is reported once, with
+ *              `within` false. Then each of its parts is reported with `within` true.
  * Bound:       time O(n·log n) for each nesting level, no recursion.
  * Memory:      allocated and freed during the call.
  * Thread:      one thread.
@@ -24,11 +25,11 @@
 #include "master/base/status.h"
 
 typedef struct tl_json_difference {
-    const tl_json_step *way;     /* steps from the root to the value, */
-    size_t depth;                /* and their number; 0: the root itself */
+    const tl_json_step *way;     /* the path: keys and indices from the root to the value */
+    size_t depth;                /* number of them; 0: the root itself */
     const cJSON *before, *after; /* NULL: absent */
     bool within;                 /* this is part of the newest difference with `within` false */
-    bool is_order;               /* the common keys are in another order; other differences are reported separately */
+    bool is_order; /* the object's common keys are in another order; other differences are reported separately */
 } tl_json_difference;
 
 /* A JSON text of `size` bytes; it need not be NUL-terminated. */
@@ -45,7 +46,7 @@ tl_status tl_json_compare(const tl_json_source *before, const tl_json_source *af
                           void (*see)(const tl_json_difference *difference, void *context), void *context,
                           tl_error *error);
 
-/* Returns true if the object that contains `item` also has the key `key`. False if `item` is NULL.
+/* Returns true if the object that contains `item` has the key `key`. False if `item` is NULL.
  */
 bool tl_json_has_sibling(const cJSON *item, const char *key);
 

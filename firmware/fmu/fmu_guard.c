@@ -86,7 +86,7 @@ static inline fmi2Status leave_guard(tl_fmu_guarded *self, fmi2Status status) {
 /* After a call that may change any process state. */
 static fmi2Status leave_fully(tl_fmu_guarded *self, fmi2Status status) {
     leave_heap(self);
-    log_changes(self->guard, &self->logged_changes, tl_host_state_put_back(), NULL);
+    log_changes(self->guard, &self->logged_changes, tl_host_state_restore(), NULL);
     end_call(status);
     return status;
 }
@@ -102,7 +102,7 @@ void tl_fmu_guard_leave(tl_fmu_guard *guard) {
     if (guard->memory != NULL) {
         tl_fmu_memory_leave(guard->memory);
     }
-    log_changes(guard, &guard->logged_changes, tl_host_state_put_back(), NULL);
+    log_changes(guard, &guard->logged_changes, tl_host_state_restore(), NULL);
     tl_fmu_call_end();
 }
 
@@ -351,7 +351,7 @@ static void note_step(const tl_fmu_guarded *self, const tl_fmi2_step *step, fmi2
         return;
     }
     if (self->by_replay && self->replay->phase == TL_FMU_REPLAY_BEGINS) {
-        self->guard->functions.replay.is_over = tl_fmu_replay_start(self->replay) != fmi2OK;
+        self->guard->functions.replay.is_disabled = tl_fmu_replay_start(self->replay) != fmi2OK;
     }
     tl_fmu_replay_note_step(self->replay, step, status);
 }
@@ -377,7 +377,7 @@ static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, 
  * as long as a step of a small FMU. It checks the effect of the control bits (host_state.h), and
  * the character table, which changes with the locale unless the new locale was made from ours. */
 static inline void check_thread(tl_fmu_guarded *self) {
-    if (!tl_fp_control_holds(&self->control) || *self->characters != self->table) {
+    if (!tl_fp_control_check(&self->control) || *self->characters != self->table) {
         restore_thread(self, "a step");
     }
 }
@@ -551,7 +551,7 @@ static fmi2Status get_boolean_status(fmi2Component component, const fmi2StatusKi
 void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *generator) {
     *guard = (tl_fmu_guard){.name = tl_fmu_calls_name(name),
                             .is_by_openmodelica = strncmp(generator, "OpenModelica", strlen("OpenModelica")) == 0};
-    tl_host_state_keep();
+    tl_host_state_save();
     tl_fmu_logger_open(&guard->logger, name, generator);
     guard->callbacks = (fmi2CallbackFunctions){tl_fmu_logger_take, calloc, free, NULL, guard};
     guard->fmu_callbacks = (fmi2CallbackFunctions){tl_fmu_logger_take, calloc, free, NULL, &guard->logger};
@@ -587,7 +587,7 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
     guard->by_states = guard->functions;
     tl_rollback_method_choose(guard);
     if (guard->may_replay) {
-        guard->functions.know_ports = note_ports;
+        guard->functions.announce_ports = note_ports;
     }
 }
 
@@ -610,7 +610,7 @@ void tl_fmu_guard_close(tl_fmu_guard *guard) {
 void tl_fmu_guard_tick(bool whole) {
     static unsigned reported; /* per process, because the changes affect the process */
     char names[TL_HOST_CHANGE_TEXT];
-    unsigned changes = whole ? tl_host_state_put_back() : tl_host_state_put_back_next();
+    unsigned changes = whole ? tl_host_state_restore() : tl_host_state_restore_part();
     unsigned unreported = changes & ~reported;
     if (unreported != 0) {
         static tl_log_limiter limiter = TL_LOG_LIMITER(1);

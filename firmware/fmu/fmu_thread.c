@@ -66,7 +66,7 @@ static void *run_jobs(void *context) {
     tl_crash_enter(TL_CRASH_CALLS_FMUS);
     for (tl_fmu_job *job = next_job(thread); job != NULL; job = next_job(thread)) {
         tl_locale_use();
-        tl_host_state_keep();
+        tl_host_state_save();
         job(thread->context);
         set_job(thread, NULL, NULL);
     }

@@ -53,7 +53,7 @@ static void warn_about_rest(tl_fmu_guarded *self) {
 fmi2Status tl_memory_state_save(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
     tl_error error;
-    const char *side_effect = tl_fmu_memory_remaining(self->guard->memory);
+    const char *side_effect = tl_fmu_memory_side_effect(self->guard->memory);
     if (side_effect != NULL) {
         return reject_copy(self, side_effect);
     }

@@ -156,7 +156,7 @@ static fmi2Status keep_start(fmi2Component component) {
         tl_fmu_replay_wait(self->replay);
     }
     bool may_copy = guard->memory != NULL && !self->by_replay && !guard->sets_inputs &&
-                    (!guard->by_memory || tl_fmu_memory_remaining(guard->memory) == NULL);
+                    (!guard->by_memory || tl_fmu_memory_side_effect(guard->memory) == NULL);
     bool has_copy = may_copy && save_first(self);
     return has_copy || tl_fmu_guarded_has_fallback(self) ? fmi2OK : fmi2Error;
 }
@@ -299,7 +299,7 @@ static fmi2Status replace_method(fmi2Component component, const char *cause) {
 static bool has_choice(fmi2Component component) {
     const tl_fmu_guarded *self = component;
     const tl_fmu_guard *guard = self->guard;
-    return guard->full_copy != NULL && tl_fmu_memory_remaining(guard->memory) == NULL && !guard->was_proved &&
+    return guard->full_copy != NULL && tl_fmu_memory_side_effect(guard->memory) == NULL && !guard->was_proved &&
            !guard->by_memory && !guard->sets_inputs && !self->by_replay;
 }
 

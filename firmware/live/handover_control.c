@@ -212,26 +212,26 @@ static void poll_order(tl_handover_control *self, tl_time now) {
     }
 }
 
-void tl_handover_control_poll(tl_handover_control *change, tl_time now, bool ends, tl_orders *orders) {
-    if (change->handover_block->handovers != change->done) {
-        poll_handover(change, now, ends, orders);
+void tl_handover_control_poll(tl_handover_control *control, tl_time now, bool ends, tl_orders *orders) {
+    if (control->handover_block->handovers != control->done) {
+        poll_handover(control, now, ends, orders);
     } else if (!ends) {
-        poll_order(change, now);
+        poll_order(control, now);
     }
-    orders->shadow = change->wants_shadow && !change->holds;
-    orders->recorder = has_drained(change);
+    orders->shadow = control->wants_shadow && !control->holds;
+    orders->recorder = has_drained(control);
 }
 
-void tl_handover_control_note_end_of_shadow(tl_handover_control *change, const char *reason) {
-    if (change->wants_shadow) {
-        show_shadow(change, TL_LIVE_SHADOW_ENDED, change->holds ? "safe hold: there is no live twin" : reason);
+void tl_handover_control_note_end_of_shadow(tl_handover_control *control, const char *reason) {
+    if (control->wants_shadow) {
+        show_shadow(control, TL_LIVE_SHADOW_ENDED, control->holds ? "safe hold: there is no live twin" : reason);
     }
-    change->wants_shadow = false;
+    control->wants_shadow = false;
 }
 
-void tl_handover_control_begin_recorder(tl_handover_control *change) {
-    if (has_drained(change)) {
-        change->recorder_handovers++;
-        change->recorder_slot = 1 - change->recorder_slot;
+void tl_handover_control_begin_recorder(tl_handover_control *control) {
+    if (has_drained(control)) {
+        control->recorder_handovers++;
+        control->recorder_slot = 1 - control->recorder_slot;
     }
 }

@@ -21,7 +21,7 @@ bool tl_lock_tolerances_is_sound(const tl_lock_tolerances *tolerances) {
     return true;
 }
 
-bool tl_lock_tolerances_is_there(const tl_lock_tolerances *tolerances) {
+bool tl_lock_tolerances_have_weight(const tl_lock_tolerances *tolerances) {
     for (size_t i = 0; i < TL_MAX_MATCH; i++) {
         if (tolerances->match[i].weight > 0.0) {
             return true;

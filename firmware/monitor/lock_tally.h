@@ -66,7 +66,7 @@ typedef struct tl_lock_tolerances {
 bool tl_lock_tolerances_is_sound(const tl_lock_tolerances *tolerances);
 
 /* Returns true if any output has a weight above 0. */
-bool tl_lock_tolerances_is_there(const tl_lock_tolerances *tolerances);
+bool tl_lock_tolerances_have_weight(const tl_lock_tolerances *tolerances);
 
 /* Returns the name of a state: "free", "locked", …. */
 const char *tl_lock_state_name(tl_lock_state state);

@@ -89,7 +89,7 @@ static void keep_folder(void) {
     }
 }
 
-void tl_host_state_keep(void) {
+void tl_host_state_save(void) {
     host.rounding = tl_fp_control_get();
     host.locale = uselocale((locale_t)0);
     for (size_t i = 0; i < CATEGORIES; i++) {
@@ -251,7 +251,7 @@ static unsigned restore_turn(size_t turn) {
     return changed | (turn < RLIM_NLIMITS ? restore_limit((int)turn) : 0);
 }
 
-unsigned tl_host_state_put_back(void) {
+unsigned tl_host_state_restore(void) {
     unsigned changed = host.kept ? restore_rounding() | restore_locale() : 0;
     for (size_t turn = 0; host.kept && turn < TL_HOST_STATE_TURNS; turn++) {
         changed |= restore_turn(turn);
@@ -259,7 +259,7 @@ unsigned tl_host_state_put_back(void) {
     return changed;
 }
 
-unsigned tl_host_state_put_back_next(void) {
+unsigned tl_host_state_restore_part(void) {
     static size_t turn;
     turn = (turn + 1) % TL_HOST_STATE_TURNS;
     return host.kept ? restore_rounding() | restore_locale() | restore_turn(turn) : 0;

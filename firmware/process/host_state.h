@@ -48,7 +48,7 @@ static inline void tl_fp_control_set(uint64_t control) {
  * they and the x87 control word show no difference, writes the SSE bits of *control and returns
  * true: writing takes a tenth of the time of reading, and disables traps. Otherwise returns false
  * and changes nothing. */
-static inline bool tl_fp_control_holds(const uint64_t *control) {
+static inline bool tl_fp_control_check(const uint64_t *control) {
     static const float values[4] __attribute__((aligned(16))) = {1.0F, 1.0F, FLT_MIN / 4.0F, FLT_MIN / 4.0F};
     static const float added[4] __attribute__((aligned(16))) = {1e-30F, -1e-30F, 0.0F, 0.0F};
     uint16_t x87 = 0;
@@ -104,7 +104,7 @@ static inline void tl_fp_control_set(uint64_t control) {
 
 #if !defined(__x86_64__)
 
-static inline bool tl_fp_control_holds(const uint64_t *control) {
+static inline bool tl_fp_control_check(const uint64_t *control) {
     return tl_fp_control_get() == *control;
 }
 
@@ -143,17 +143,17 @@ enum { TL_HOST_CHANGES = 10, TL_HOST_CHANGE_TEXT = 256, TL_HOST_STATE_TURNS = 16
 
 /* Saves the current state for tl_host_state_restore(). Call it in the FMU thread, before the first
  * call of an FMU. Only the first call in the process saves the folder and the umask. */
-void tl_host_state_keep(void);
+void tl_host_state_save(void);
 
 /* Restores what differs from the saved state and returns the changes as bits of tl_host_change.
  * Returns 0 if no state was saved. Makes about 34 system calls if nothing has changed. */
-unsigned tl_host_state_put_back(void);
+unsigned tl_host_state_restore(void);
 
 /* As tl_host_state_restore(), for a part of the state: the floating-point control bits, the locale,
  * and one further kind, one signal handler and one limit. The next call takes the next kind,
  * handler and limit; TL_HOST_STATE_TURNS calls restore all. Makes at most three system calls if
  * nothing has changed. */
-unsigned tl_host_state_put_back_next(void);
+unsigned tl_host_state_restore_part(void);
 
 /* Callback after one of our handlers was restored. `foreign`: the handler of the FMU, which had
  * replaced ours. */

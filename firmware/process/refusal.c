@@ -81,10 +81,10 @@ bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, 
     noted->is_in_call = in_call && strncmp(call.function, "fmi2", strlen("fmi2")) == 0;
     noted->begun = call.begun;
     if (in_call) {
-        (void)snprintf(noted->said, sizeof noted->said, "FMU %s: system call %s denied in %s (reported once)", fmu,
-                       refusal->name, call.function);
+        (void)snprintf(noted->message, sizeof noted->message, "FMU %s: system call %s denied in %s (reported once)",
+                       fmu, refusal->name, call.function);
     } else {
-        (void)snprintf(noted->said, sizeof noted->said,
+        (void)snprintf(noted->message, sizeof noted->message,
                        "a thread of an FMU: system call %s denied outside of its functions (reported once)",
                        refusal->name);
     }
@@ -92,7 +92,7 @@ bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, 
 }
 
 const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *reported_count) {
-    return *reported_count < refusals->count ? refusals->entries[(*reported_count)++].said : NULL;
+    return *reported_count < refusals->count ? refusals->entries[(*reported_count)++].message : NULL;
 }
 
 bool tl_fmu_refusals_may_be_cause(const tl_fmu_refusals *refusals, const tl_fmu_calls *calls) {

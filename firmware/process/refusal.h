@@ -1,4 +1,4 @@
-/* Refused system calls of a confined process, and the FMUs that made them.
+/* Denied (refused) system calls of a confined process, and the FMUs that made them.
  *
  * Thread:  see each section.
  */
@@ -16,10 +16,10 @@
  * Purpose: some vendors' FMUs open a socket for a licence, start a tool or change a file's mode.
  *          The kernel blocks the thread that makes such a call, until this module receives the call
  *          and answers it, always with EPERM. Meanwhile the monitor can find out which FMU made it.
- * Cost:    a refused call waits for the next poll. Poll often, receive all waiting calls, and
- *          answer each at once.
- * Memory:  no heap is used after the first received call. A forking thread of this process may wait
- *          for an answer while it holds the locks of the heap.
+ * Cost:    a refused call waits for the next poll. Poll often; in each poll, receive every waiting
+ *          call and answer it immediately.
+ * Memory:  no heap is used after the first received call, because another thread of the monitor may
+ *          hold the lock of the heap inside fork() and wait for an answer itself.
  * Thread:  any, one at a time.
  */
 
@@ -31,7 +31,8 @@ typedef struct tl_refusal {
 } tl_refusal;
 
 /* Receives one refused call without blocking; the caller must answer it. Returns false if no call
- * waits or the process has ended. `listener`: descriptor from tl_confine(); -1: returns false. */
+ * waits or the process has ended. `listener`: notification descriptor from tl_confine(); -1:
+ * returns false. */
 bool tl_refusal_take(int listener, tl_refusal *refusal);
 
 /* Answers the call with EPERM, so that its thread continues. Has no effect if the process has
@@ -42,22 +43,22 @@ void tl_refusal_answer(int listener, const tl_refusal *refusal);
  *
  * Purpose: the process that answers refused calls reports which FMU made which call, in which
  *          function of the FMU. Repeated calls are reported once.
- * Bound:   TL_FMU_REFUSALS messages; further calls are answered but not reported.
+ * Bound:   TL_FMU_REFUSALS (64) messages; calls of further pairs are answered but not reported.
  * Memory:  only the struct, which the caller owns.
  * Thread:  one at a time; the owner locks it if necessary.
  */
 
 enum { TL_FMU_REFUSALS = 64, TL_FMU_REFUSAL_TEXT = 320 };
 
-/* Callback that receives a message about a refused call of an FMU. */
+/* Callback that receives a message about a refused call of an FMU (used by twin_process.h). */
 typedef void tl_fmu_refusals_listener(void *context, const char *text);
 
 typedef struct tl_fmu_refused {
     char call[TL_REFUSAL_NAME];
     char fmu[TL_FMU_CALL_NAME];
-    bool is_in_call; /* of a function of the FMU; not while its library was loaded, or in another thread */
-    uint32_t begun;  /* number of the last such call */
-    char said[TL_FMU_REFUSAL_TEXT];
+    bool is_in_call; /* true: made inside an FMI function; false: while the library was loaded, or by another thread */
+    uint32_t begun;  /* number of the FMI call (fmu_call.h) in which the system call was last refused */
+    char message[TL_FMU_REFUSAL_TEXT];
 } tl_fmu_refused;
 
 /* Fields are private. Zeroed: empty. */
@@ -67,7 +68,7 @@ typedef struct tl_fmu_refusals {
 } tl_fmu_refusals;
 
 /* Notes a refused call. Call it before tl_refusal_answer(): the thread is still blocked, so `calls`
- * of its process contain the current function. Returns true if there is a new message. */
+ * (of its process) shows which FMI function it is in. Returns true if there is a new message. */
 bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_calls *calls);
 
 /* Returns the next message that was not yet reported, or NULL. *reported_count counts
@@ -75,8 +76,8 @@ bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, 
  */
 const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *reported_count);
 
-/* Returns true if the failure of the process may have been caused by a refused call: it was refused
- * in the FMI call that failed, or in none. Call it after the process has ended. */
+/* Returns true if a system call was refused in the FMI call that failed, or outside of any FMI
+ * call: that may have caused the failure. Call it after the process has ended. */
 bool tl_fmu_refusals_may_be_cause(const tl_fmu_refusals *refusals, const tl_fmu_calls *calls);
 
 #endif

@@ -215,8 +215,8 @@ static outcome TL_PRINTF(3, 4)
     record_event(self, is_cancelled ? TL_EVENT_INFO : TL_EVENT_WARNING, "configuration from %s %s%s", self->request.who,
                  is_cancelled ? "cancelled " : "refused: ", text);
     if ((self->request.flags & TL_CONTROL_ONLY_CHECK) == 0) { /* if the disk rejects it, it is in the log */
-        (void)tl_refusals_add(self->settings.refusals, &self->request, is_cancelled ? "cancelled" : "refused", text,
-                              &error);
+        (void)tl_refused_changes_add(self->settings.refusals, &self->request, is_cancelled ? "cancelled" : "refused",
+                                     text, &error);
     }
     report_end(self, result, text);
     return ENDED;
@@ -770,7 +770,7 @@ static outcome begin_activation(tl_activation *self) {
     if (self->cause == TL_ACTIVATION_CANDIDATE) {
         status = activate_version(self, &error);
     } else if (self->cause == TL_ACTIVATION_RETURN) {
-        status = tl_versions_end_probation(self->settings.versions, TL_VERSION_RETURNED, self->reason, &error);
+        status = tl_versions_end_probation(self->settings.versions, TL_VERSION_ROLLED_BACK, self->reason, &error);
     }
     if (status != TL_OK) {
         return fail_change(self, error.text);
@@ -808,7 +808,7 @@ static outcome undo_activation(tl_activation *self, const char *why) {
         record_event(self, TL_EVENT_ERROR, "%s", text);
         return restart_run(self);
     }
-    if (tl_versions_end_probation(self->settings.versions, TL_VERSION_RETURNED, text, &error) != TL_OK) {
+    if (tl_versions_end_probation(self->settings.versions, TL_VERSION_ROLLED_BACK, text, &error) != TL_OK) {
         record_event(self, TL_EVENT_ERROR, "%s", error.text);
     }
     (void)fail_change(self, text);
@@ -990,7 +990,7 @@ static tl_probation_result pass_probation(tl_activation *self) {
 static outcome poll_probation(tl_activation *self) {
     char text[TL_CONTROL_TEXT];
     tl_probation_result result = pass_probation(self);
-    if (self->pause == 0 && result == TL_PROBATION_RETURN) {
+    if (self->pause == 0 && result == TL_PROBATION_ROLLED_BACK) {
         return begin_rollback(self);
     }
     if (self->pause == 0 && result == TL_PROBATION_KEPT && keep_version(self)) {
@@ -1086,7 +1086,7 @@ static outcome poll_run(tl_activation *self) {
     if (self->step != TL_CONTROL_SHADOW) {
         return RUNNING; /* other steps are short */
     }
-    if (result == TL_PROBATION_RETURN) {
+    if (result == TL_PROBATION_ROLLED_BACK) {
         return refuse_candidate(self, TL_CONTROL_FAILED, "the version on probation is rolled back first: %s",
                                 self->probation.why);
     }
@@ -1183,7 +1183,7 @@ bool tl_activation_cancel(tl_activation *activation, const char *who) {
 }
 
 bool tl_activation_was_lost_before(const tl_activation *activation) {
-    return is_on_probation(activation) && tl_probation_was_lost_before(&activation->probation);
+    return is_on_probation(activation) && tl_probation_is_lost_by_previous(&activation->probation);
 }
 
 static tl_probation_result end_by_user(tl_activation *self, tl_probation_result result, const char *action,
@@ -1212,7 +1212,7 @@ bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_
 
 void tl_activation_roll_back(tl_activation *activation, const char *who) {
     activation->is_wanted = true;
-    (void)end_by_user(activation, TL_PROBATION_RETURN, "rollback requested", who);
+    (void)end_by_user(activation, TL_PROBATION_ROLLED_BACK, "rollback requested", who);
     run_steps(activation, poll_probation(activation));
 }
 

@@ -152,7 +152,7 @@ enum { TL_ACTIVATION_SHADOW_S = 60, TL_ACTIVATION_SHADOW_LONGEST_S = 3600 };
 typedef struct tl_activation_settings {
     const tl_activation_host *host;
     tl_versions *versions;
-    tl_refusal_list *refusals;
+    tl_refused_changes *refusals;
     const char *plant;     /* its name, for process titles */
     const char *path;      /* of its configuration; relative file names are relative to its folder */
     const char *allowed;   /* path of the administrator's list of allowed names (box_texts.h); NULL: there is no list */

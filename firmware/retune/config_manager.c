@@ -23,7 +23,7 @@ typedef struct client_slot {
 struct tl_config_manager {
     int socket; /* the listening socket */
     tl_versions versions;
-    tl_refusal_list refusals;
+    tl_refused_changes refusals;
     tl_activation activation;
     client_slot clients[TL_CONTROL_CLIENTS];
     client_slot *listener; /* receives the replies of the change in progress; NULL: no client */
@@ -159,7 +159,7 @@ static void poll_waiter(tl_config_manager *self) {
         return;
     }
     if (self->versions.active != self->awaited) {
-        bool is_returned = version != NULL && version->result == TL_VERSION_RETURNED;
+        bool is_returned = version != NULL && version->result == TL_VERSION_ROLLED_BACK;
         finish_request(self, client, TL_CONTROL_UNDONE, is_returned ? version->reason : "replaced by another version");
     } else if (self->versions.probation.version != self->awaited) {
         finish_request(self, client, TL_CONTROL_DONE, version == NULL ? "the version is kept" : version->reason);
@@ -306,7 +306,7 @@ tl_status tl_config_manager_open(int socket, const char *state, const tl_activat
         free(opened);
         return status;
     }
-    tl_refusals_open(&opened->refusals, &opened->versions);
+    tl_refused_changes_open(&opened->refusals, &opened->versions);
     opened->socket = socket;
     opened->worked_at = tl_clock_now(NULL);
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {

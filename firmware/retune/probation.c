@@ -47,7 +47,7 @@ static uint64_t count_since(uint64_t before, uint64_t now) {
 }
 
 static const tl_lock_tally *lock_before_of(const tl_probation *probation, const tl_run_status *snapshot) {
-    return tl_lock_tolerances_is_there(&probation->account.tolerances) ? &snapshot->lock_before : &snapshot->lock;
+    return tl_lock_tolerances_have_weight(&probation->account.tolerances) ? &snapshot->lock_before : &snapshot->lock;
 }
 
 /* Adds the differences since the last state. If counts went down, another run has started, and all
@@ -121,31 +121,31 @@ static tl_probation_result check_twin(tl_probation *probation, const tl_run_stat
     const tl_probation_account *account = &probation->account;
     char widened[WIDENED];
     if (count_since(probation->last.twin_failures, now->twin_failures) != 0) {
-        return end_probation(probation, TL_PROBATION_RETURN, "the twin failed%s%.*s",
+        return end_probation(probation, TL_PROBATION_ROLLED_BACK, "the twin failed%s%.*s",
                              now->failure[0] != '\0' ? ": " : "", TL_RUN_FAILURE - 1, now->failure);
     }
     if (tl_probation_is_too_many(account->misses, account->steps, account->before_misses, account->before_steps)) {
-        return end_probation(probation, TL_PROBATION_RETURN,
+        return end_probation(probation, TL_PROBATION_ROLLED_BACK,
                              "%" PRIu64 " of %" PRIu64 " deadlines missed: %.3g %% (previous version %.3g %%); %" PRIu64
                              " ticks skipped",
                              account->misses, account->steps, percent_of(account->misses, account->steps),
                              percent_of(account->before_misses, account->before_steps), account->skipped);
     }
     if (probation->lost >= TL_PROBATION_LOST) {
-        return end_probation(probation, TL_PROBATION_RETURN, "the lock was lost for %.1f s",
+        return end_probation(probation, TL_PROBATION_ROLLED_BACK, "the lock was lost for %.1f s",
                              tl_seconds(probation->lost));
     }
     if (probation->lost_before >= TL_PROBATION_LOST && !account->terms.must_confirm) {
-        return end_probation(probation, TL_PROBATION_RETURN,
+        return end_probation(probation, TL_PROBATION_ROLLED_BACK,
                              "by the previous version's tolerances, the lock was lost for %.1f s%s",
                              tl_seconds(probation->lost_before), write_widened(account, widened));
     }
     if (probation->shut >= TL_PROBATION_SHUT) {
-        return end_probation(probation, TL_PROBATION_RETURN, "plant: its sources could not be opened for %.0f s",
+        return end_probation(probation, TL_PROBATION_ROLLED_BACK, "plant: its sources could not be opened for %.0f s",
                              tl_seconds(probation->shut));
     }
     if (probation->down >= TL_PROBATION_START) {
-        return end_probation(probation, TL_PROBATION_RETURN, "the twin did not run for %.0f s",
+        return end_probation(probation, TL_PROBATION_ROLLED_BACK, "the twin did not run for %.0f s",
                              tl_seconds(probation->down));
     }
     return end_probation(probation, TL_PROBATION_CONTINUES, "%s", "");
@@ -166,17 +166,17 @@ static tl_probation_result decide_end(tl_probation *probation, const tl_run_stat
         tl_probation_result result;
         const char *why;
     } rules[] = {
-        {terms->must_confirm, TL_PROBATION_RETURN, "it was not confirmed in time"},
-        {!now->twin_alive, TL_PROBATION_RETURN, "the twin did not run at the end of the probation"},
-        {now->plant_is_shut, TL_PROBATION_RETURN, "plant: its sources were not open at the end of the probation"},
-        {tl_lock_tolerances_is_there(&account->tolerances) && is_lost(now, &now->lock_before), TL_PROBATION_RETURN,
-         lost},
+        {terms->must_confirm, TL_PROBATION_ROLLED_BACK, "it was not confirmed in time"},
+        {!now->twin_alive, TL_PROBATION_ROLLED_BACK, "the twin did not run at the end of the probation"},
+        {now->plant_is_shut, TL_PROBATION_ROLLED_BACK, "plant: its sources were not open at the end of the probation"},
+        {tl_lock_tolerances_have_weight(&account->tolerances) && is_lost(now, &now->lock_before),
+         TL_PROBATION_ROLLED_BACK, lost},
         {terms->require_lock == 0.0, TL_PROBATION_KEPT, "no failure during the probation"},
-        {evaluated == 0 && now->pairs == 0 && now->steps > 0, TL_PROBATION_RETURN,
+        {evaluated == 0 && now->pairs == 0 && now->steps > 0, TL_PROBATION_ROLLED_BACK,
          "no matched signal was good, so the lock could not be evaluated"},
         {evaluated == 0 && account->steps > account->skipped, TL_PROBATION_KEPT,
          "no failure during the probation; no step could be evaluated for the lock"},
-        {evaluated == 0, TL_PROBATION_RETURN,
+        {evaluated == 0, TL_PROBATION_ROLLED_BACK,
          "the probation was too short to evaluate the lock: use a longer --probation"},
     };
     for (size_t i = 0; i < sizeof rules / sizeof rules[0]; i++) {
@@ -187,7 +187,7 @@ static tl_probation_result decide_end(tl_probation *probation, const tl_run_stat
     double by_own = tl_lock_tally_percent(&account->lock);
     double in_lock = fmin(by_own, tl_lock_tally_percent(&account->lock_before));
     bool is_by_before = in_lock < by_own;
-    return end_probation(probation, in_lock >= terms->require_lock ? TL_PROBATION_KEPT : TL_PROBATION_RETURN,
+    return end_probation(probation, in_lock >= terms->require_lock ? TL_PROBATION_KEPT : TL_PROBATION_ROLLED_BACK,
                          "%sin lock in %.4g %% of the steps (required %.4g %%)%s",
                          is_by_before ? "by the previous version's tolerances, " : "", in_lock, terms->require_lock,
                          is_by_before ? widened : "");
@@ -210,7 +210,7 @@ tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, c
         probation->last = *now;
         return probation->left > 0 ? TL_PROBATION_CONTINUES : decide_end(probation, now);
     }
-    return TL_PROBATION_RETURN;
+    return TL_PROBATION_ROLLED_BACK;
 }
 
 /* ---- decision of a user ---- */
@@ -220,7 +220,7 @@ tl_probation_result tl_probation_decide(tl_probation *probation, tl_probation_re
                                                        : end_probation(probation, result, "%s", why);
 }
 
-bool tl_probation_was_lost_before(const tl_probation *probation) {
-    return tl_lock_tolerances_is_there(&probation->account.tolerances) &&
+bool tl_probation_is_lost_by_previous(const tl_probation *probation) {
+    return tl_lock_tolerances_have_weight(&probation->account.tolerances) &&
            is_lost(&probation->last, &probation->last.lock_before);
 }

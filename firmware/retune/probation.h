@@ -3,30 +3,34 @@
  * Purpose: decides whether the probation continues, or the version is kept or rolled back. Pure
  *          logic: the caller passes the time and the state of the run.
  * Rolled back at once, if
- *          - the twin has failed, or was not running for TL_PROBATION_START without interruption;
- *          - too many deadlines were missed on probation: at least TL_PROBATION_MISSES, more than
- *            TL_PROBATION_MISS_PERCENT of the steps, and more than TL_PROBATION_MISS_TIMES times
- *            the share of the configuration before. Skipped ticks are not steps, because a restart
- *            skips all ticks of its gap;
- *          - the lock is lost for TL_PROBATION_LOST without interruption. The first
- *            TL_PROBATION_GRACE of the probation does not count, or only its first half if that is
- *            shorter. After a resume the same applies to the remaining time, because the twin may
- *            have just started;
- *          - the lock is lost for as long by the tolerances of the version before, and the version
+ *          - the twin has failed, or did not run for 30 s (TL_PROBATION_START) without
+ *            interruption;
+ *          - too many deadlines were missed on probation: at least 3 (TL_PROBATION_MISSES), and
+ *            more than 1 % of the steps (TL_PROBATION_MISS_PERCENT), and more than 3 times
+ *            (TL_PROBATION_MISS_TIMES) the share of the previous version. Skipped ticks are not
+ *            steps, because a restart skips all ticks of its gap;
+ *          - the lock is lost for 2 s (TL_PROBATION_LOST) without interruption. A loss in the first
+ *            10 s (TL_PROBATION_GRACE) does not count; in a probation under 20 s, a loss in the
+ *            first half. A resume starts a new grace, of 10 s or half of the remaining time,
+ *            because the twin may have just started;
+ *          - with the tolerances of the previous version, the lock is lost for 2 s, and the version
  *            does not need a confirmation;
- *          - the plant's sources could not be opened for TL_PROBATION_SHUT without interruption.
+ *          - the plant's sources could not be opened for 10 s (TL_PROBATION_SHUT) without
+ *            interruption.
  * Lock:    steps do not count while the plant's sources are not open.
- * Tolerances: the lock is evaluated by the tolerances and weights of the new version, and by those
- *             of the version before (lock_before). So a version with wider tolerances cannot pass
- *             only because they are wider.
+ * Tolerances: the lock is evaluated with the tolerances and weights of the new version, and with
+ *             those of the previous version (lock_before). So a version with wider tolerances
+ *             cannot pass only because they are wider.
  * End:     when the time is over, the version is kept if all of these are true; else it is rolled
  *          back:
  *          - it does not need a confirmation;
  *          - the twin runs, and the plant's sources are open;
- *          - the required share of the probation's steps was in lock, by both sets of tolerances;
- *          - the lock is not lost by the tolerances of the version before.
- * No lock: no lock is required if the twin has executed steps but none of them was evaluated (event
- *          horizon: no stroke has ended). But a matched signal must have been good at least once.
+ *          - with each of the two sets of tolerances, the share of the probation's steps in lock
+ *            reaches `require_lock`;
+ *          - at the end, the lock is not lost with the tolerances of the previous version.
+ * No lock: the lock is not required if no step could be evaluated, although the twin has executed
+ *          more steps than it skipped ticks. With an event horizon, for example, no stroke has
+ *          ended. But a matched signal must have been good at least once.
  * Confirmed: if a user confirms the version, it is kept at once.
  * Time:    only the time that the caller passes. The calendar time is not used, because a box
  *          without a battery-backed clock may start in 1970.
@@ -66,16 +70,20 @@ typedef struct tl_probation_terms {
 /* Progress of a probation: all that is saved on disk, and enough to resume it. */
 typedef struct tl_probation_account {
     tl_probation_terms terms;
-    uint64_t before_steps, before_misses; /* of the configuration before */
+    uint64_t before_steps, before_misses; /* of the previous version */
     uint64_t left_ms;                     /* remaining time */
     uint64_t steps, misses, skipped;      /* on probation */
-    tl_lock_tally lock, lock_before;      /* evaluated steps only; lock_before: by `tolerances` */
-    tl_lock_tolerances tolerances;        /* of the version before, in the order of the new outputs; zeroed: none */
+    tl_lock_tally lock, lock_before;      /* of the evaluated steps: with the new tolerances; with `tolerances` */
+    tl_lock_tolerances tolerances;        /* of the previous version, in the order of the new outputs; zeroed: none */
     char widened
         [TL_PROBATION_WIDENED]; /* "motor.omega: tolerance 1 → 3": the first output with a wider tolerance than before; "": none */
 } tl_probation_account;
 
-typedef enum tl_probation_result { TL_PROBATION_CONTINUES, TL_PROBATION_KEPT, TL_PROBATION_RETURN } tl_probation_result;
+typedef enum tl_probation_result {
+    TL_PROBATION_CONTINUES,
+    TL_PROBATION_KEPT,
+    TL_PROBATION_ROLLED_BACK
+} tl_probation_result;
 
 typedef struct tl_probation {
     tl_probation_account account;
@@ -84,13 +92,13 @@ typedef struct tl_probation {
     /* private */
     bool has_last;
     tl_run_status last;
-    tl_time left, grace, lost, down; /* ns */
-    tl_time lost_before;             /* as `lost`, by the tolerances before */
-    tl_time shut;
+    tl_time left, grace, lost, down; /* ns: remaining; remaining grace; lock lost; twin down */
+    tl_time lost_before;             /* as `lost`, with the previous version's tolerances */
+    tl_time shut;                    /* ns: sources not open */
 } tl_probation;
 
-/* Begins a probation. `before`: the newest state of the configuration before. `now`: the state
- * from which counts are measured; NULL: another run or twin starts, with all counts at 0. */
+/* Begins a probation. `before`: the newest state of the previous version. `now`: counts start from
+ * this state; NULL: the new version starts a new run or twin, with all counts at 0. */
 void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms, const tl_run_status *before,
                         const tl_run_status *now);
 
@@ -103,16 +111,16 @@ void tl_probation_resume(tl_probation *probation, const tl_probation_account *ac
  * always returns the same result. */
 tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, const tl_run_status *now);
 
-/* Ends the probation with the decision of a user: TL_PROBATION_KEPT or TL_PROBATION_RETURN. Does
- * nothing if it has already ended. Returns the result of the probation. */
+/* Ends the probation with the decision of a user: TL_PROBATION_KEPT or TL_PROBATION_ROLLED_BACK.
+ * Does nothing if it has already ended. Returns the result of the probation. */
 tl_probation_result tl_probation_decide(tl_probation *probation, tl_probation_result result, const char *why);
 
 /* Returns true if too many deadlines were missed by the rule above. `…_before`: counts of the
- * configuration before. */
+ * previous version. */
 bool tl_probation_is_too_many(uint64_t misses, uint64_t steps, uint64_t misses_before, uint64_t steps_before);
 
-/* Returns true if the lock was lost by the tolerances of the version before, in the last state that
+/* Returns true if the lock is lost with the previous version's tolerances, in the last state that
  * tl_probation_feed() received. */
-bool tl_probation_was_lost_before(const tl_probation *probation);
+bool tl_probation_is_lost_by_previous(const tl_probation *probation);
 
 #endif

@@ -225,7 +225,7 @@ bool tl_version_start_failed(const tl_version_start *start, const char *reason) 
     tl_status status = tl_versions_open(start->state, &versions, &error);
     bool is_on_probation = status == TL_OK && versions.probation.version != 0;
     if (is_on_probation) {
-        status = tl_versions_end_probation(&versions, TL_VERSION_RETURNED, reason, &error);
+        status = tl_versions_end_probation(&versions, TL_VERSION_ROLLED_BACK, reason, &error);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);

@@ -73,8 +73,8 @@ static void record_path(const tl_versions *versions, uint64_t number, char path[
 /* ---- words ---- */
 
 const char *const tl_version_results[TL_VERSION_RESULTS] = {
-    [TL_VERSION_CANDIDATE] = "candidate", [TL_VERSION_ACTIVE] = "active",     [TL_VERSION_PROBATION] = "probation",
-    [TL_VERSION_KEPT] = "kept",           [TL_VERSION_RETURNED] = "returned", [TL_VERSION_REFUSED] = "refused"};
+    [TL_VERSION_CANDIDATE] = "candidate", [TL_VERSION_ACTIVE] = "active",        [TL_VERSION_PROBATION] = "probation",
+    [TL_VERSION_KEPT] = "kept",           [TL_VERSION_ROLLED_BACK] = "returned", [TL_VERSION_REFUSED] = "refused"};
 
 /* ---- small files ---- */
 
@@ -317,11 +317,11 @@ static void exchange_probation(const members *file, tl_version_probation *probat
 static void exchange_active(const members *file, void *content) {
     tl_versions *versions = content;
     exchange_count(file, "active", &versions->active);
-    exchange_text(file, "taken", versions->taken, sizeof versions->taken);
-    exchange_count(file, "settled", &versions->settled);
-    versions->how =
-        (tl_version_result)exchange_name(file, "settled_as", versions->how, tl_version_results, TL_VERSION_RESULTS);
-    exchange_text(file, "settled_because", versions->because, sizeof versions->because);
+    exchange_text(file, "taken", versions->file_hash, sizeof versions->file_hash);
+    exchange_count(file, "settled", &versions->result_version);
+    versions->last_result = (tl_version_result)exchange_name(file, "settled_as", versions->last_result,
+                                                             tl_version_results, TL_VERSION_RESULTS);
+    exchange_text(file, "settled_because", versions->last_reason, sizeof versions->last_reason);
     exchange_probation(file, &versions->probation);
 }
 
@@ -335,8 +335,8 @@ static tl_status write_active(const tl_versions *versions, tl_error *error) {
 /* Checks that the numbers can come from this program. */
 static bool is_active_sound(const tl_versions *versions) {
     const uint64_t above = 1000000000000;
-    return (versions->taken[0] == '\0' || is_hash(versions->taken)) && versions->active < above &&
-           versions->settled < above &&
+    return (versions->file_hash[0] == '\0' || is_hash(versions->file_hash)) && versions->active < above &&
+           versions->result_version < above &&
            (versions->probation.version == 0 || versions->probation.version == versions->active);
 }
 
@@ -525,15 +525,15 @@ static void mend_records(const tl_versions *versions) {
     for (size_t i = 0; i < versions->count; i++) {
         tl_version *version = &versions->list[i];
         bool is_active = version->number == versions->active;
-        if (version->number == versions->settled) {
-            set_result(versions, version, versions->how, versions->because);
+        if (version->number == versions->result_version) {
+            set_result(versions, version, versions->last_result, versions->last_reason);
         }
         if (is_active && versions->probation.version != 0) {
             set_result(versions, version, TL_VERSION_PROBATION, "");
         } else if (is_active && !was_good(version)) {
             set_result(versions, version, TL_VERSION_ACTIVE, "");
         } else if (!is_active && version->result == TL_VERSION_PROBATION) {
-            set_result(versions, version, TL_VERSION_RETURNED, "reason not known");
+            set_result(versions, version, TL_VERSION_ROLLED_BACK, "reason not known");
         }
     }
 }
@@ -551,7 +551,7 @@ static void guess_active(tl_versions *versions) {
             versions->active = version->number;
         }
         if (is_of_file(version)) {
-            memcpy(versions->taken, version->hash, sizeof versions->taken);
+            memcpy(versions->file_hash, version->hash, sizeof versions->file_hash);
         }
     }
     tl_log(TL_LOG_WARNING, "%s/active.json: damaged; the newest good version becomes active: %" PRIu64,
@@ -576,7 +576,7 @@ tl_status tl_versions_open(const char *state, tl_versions *versions, tl_error *e
         guess_active(versions);
     }
     versions->newest = versions->active > versions->newest ? versions->active : versions->newest;
-    versions->newest = versions->settled > versions->newest ? versions->settled : versions->newest;
+    versions->newest = versions->result_version > versions->newest ? versions->result_version : versions->newest;
     if (!damaged) {
         tl_error ignored;
         (void)scan_folder(versions, true, &damaged, &ignored);
@@ -703,16 +703,16 @@ tl_status tl_versions_add(tl_versions *versions, const tl_version_candidate *can
 static void mark_as_read(tl_versions *versions, uint64_t number) {
     const tl_version *version = tl_versions_get(versions, number);
     if (version != NULL && is_of_file(version) && version->result == TL_VERSION_CANDIDATE) {
-        memcpy(versions->taken, version->hash, sizeof versions->taken);
+        memcpy(versions->file_hash, version->hash, sizeof versions->file_hash);
     }
 }
 
 /* Saves a version's result in active.json, so that both change together. The reason may come from
  * an untrusted client, or be truncated within a character. */
 static void note_result(tl_versions *versions, uint64_t number, tl_version_result result, const char *reason) {
-    versions->settled = number;
-    versions->how = result;
-    tl_text_for_people(reason, versions->because, sizeof versions->because);
+    versions->result_version = number;
+    versions->last_result = result;
+    tl_text_for_people(reason, versions->last_reason, sizeof versions->last_reason);
 }
 
 /* Replaces the state on disk first. If the disk rejects it, nothing changes. */
@@ -738,12 +738,12 @@ tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_
     /* a rollback has the same target as the probation in progress */
     uint64_t return_to = versions->probation.version != 0 ? versions->probation.return_to : versions->active;
     char reason[TL_VERSION_WHY];
-    if (versions->settled == number) {
+    if (versions->result_version == number) {
         note_result(&next, 0, TL_VERSION_CANDIDATE, ""); /* its previous result no longer counts */
     }
     if (versions->probation.version != 0 && versions->probation.version != number) {
         (void)snprintf(reason, sizeof reason, "replaced by version %" PRIu64, number);
-        note_result(&next, versions->probation.version, TL_VERSION_RETURNED, reason);
+        note_result(&next, versions->probation.version, TL_VERSION_ROLLED_BACK, reason);
     }
     next.active = number;
     next.probation = (tl_version_probation){.version = 0};
@@ -765,7 +765,7 @@ tl_status tl_versions_end_probation(tl_versions *versions, tl_version_result res
                                     tl_error *error) {
     tl_versions next = *versions;
     note_result(&next, versions->probation.version, result, reason);
-    next.active = result == TL_VERSION_RETURNED ? versions->probation.return_to : versions->active;
+    next.active = result == TL_VERSION_ROLLED_BACK ? versions->probation.return_to : versions->active;
     next.probation = (tl_version_probation){.version = 0};
     return versions->probation.version != 0 ? save_state(versions, &next, error)
                                             : tl_fail(error, TL_BAD_DATA, NO_PROBATION);
@@ -779,9 +779,9 @@ static void choose_same(tl_versions *versions, const char *file, size_t size) {
     tl_error error;
     tl_versions next = *versions;
     const tl_version *active = tl_versions_active(versions);
-    memcpy(next.taken, active->hash, sizeof next.taken);
+    memcpy(next.file_hash, active->hash, sizeof next.file_hash);
     if (write_version_text(versions, active->hash, file, size, &error) != TL_OK ||
-        (strcmp(versions->taken, next.taken) != 0 && save_state(versions, &next, &error) != TL_OK)) {
+        (strcmp(versions->file_hash, next.file_hash) != 0 && save_state(versions, &next, &error) != TL_OK)) {
         tl_log(TL_LOG_WARNING, "%s", error.text);
     }
 }
@@ -847,7 +847,7 @@ tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t siz
         choose_same(versions, file, size);
         return TL_OK;
     }
-    bool is_changed = file != NULL && versions->active != 0 && strcmp(hash, versions->taken) != 0;
+    bool is_changed = file != NULL && versions->active != 0 && strcmp(hash, versions->file_hash) != 0;
     if (is_changed) {
         tl_log(TL_LOG_NOTICE, "the configuration file has changed since it was read last: validating it");
     }
@@ -866,9 +866,9 @@ tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t siz
 
 /* ---- refusals ---- */
 
-static void refusal_path(const tl_refusal_list *refusals, uint64_t number, char path[PATH_MAX]) {
+static void refusal_path(const tl_refused_changes *refusals, uint64_t number, char path[PATH_MAX]) {
     int length =
-        snprintf(path, PATH_MAX, "%s/refused-%u.json", refusals->folder, (unsigned)(number % TL_REFUSALS_MOST));
+        snprintf(path, PATH_MAX, "%s/refused-%u.json", refusals->folder, (unsigned)(number % TL_REFUSED_CHANGES_MOST));
     path[length < PATH_MAX ? length : 0] = '\0';
 }
 
@@ -899,23 +899,23 @@ static int refusal_by_number(const void *left, const void *right) {
     return (a->version > b->version) - (a->version < b->version);
 }
 
-void tl_refusals_open(tl_refusal_list *refusals, const tl_versions *versions) {
-    *refusals = (tl_refusal_list){.count = 0};
+void tl_refused_changes_open(tl_refused_changes *refusals, const tl_versions *versions) {
+    *refusals = (tl_refused_changes){.count = 0};
     (void)snprintf(refusals->folder, sizeof refusals->folder, "%s", versions->folder);
-    for (uint64_t i = 0; i < TL_REFUSALS_MOST; i++) {
+    for (uint64_t i = 0; i < TL_REFUSED_CHANGES_MOST; i++) {
         char path[PATH_MAX];
         refusal_file content;
         memset(&content, 0, sizeof content);
         refusal_path(refusals, i, path);
-        if (read_content(path, exchange_refusal, &content) && content.refusal.version % TL_REFUSALS_MOST == i) {
+        if (read_content(path, exchange_refusal, &content) && content.refusal.version % TL_REFUSED_CHANGES_MOST == i) {
             refusals->list[refusals->count++] = content.refusal;
         }
     }
     qsort(refusals->list, refusals->count, sizeof refusals->list[0], refusal_by_number);
 }
 
-tl_status tl_refusals_add(tl_refusal_list *refusals, const tl_control_request *request, const char *result,
-                          const char *reason, tl_error *error) {
+tl_status tl_refused_changes_add(tl_refused_changes *refusals, const tl_control_request *request, const char *result,
+                                 const char *reason, tl_error *error) {
     char path[PATH_MAX];
     refusal_file content;
     tl_control_version *list = refusals->list;
@@ -931,8 +931,8 @@ tl_status tl_refusals_add(tl_refusal_list *refusals, const tl_control_request *r
     tl_utc_text(tl_utc_now(), refusal->at);
     refusal_path(refusals, refusal->version, path);
     tl_status status = write_content(path, exchange_refusal, &content, error);
-    if (refusals->count == TL_REFUSALS_MOST) {
-        memmove(&list[0], &list[1], (TL_REFUSALS_MOST - 1) * sizeof list[0]);
+    if (refusals->count == TL_REFUSED_CHANGES_MOST) {
+        memmove(&list[0], &list[1], (TL_REFUSED_CHANGES_MOST - 1) * sizeof list[0]);
         refusals->count--;
     }
     list[refusals->count++] = *refusal;

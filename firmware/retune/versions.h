@@ -19,20 +19,23 @@
 
 /* ---- Versions of a plant's configuration, and the number of the active one, in STATE/versions/.
  *
- * Purpose: saves each configuration that became active, and each changed configuration file, with
- *          user, time, reason and result. Any saved version can become active again.
+ * Purpose: saves each configuration that became active, and each changed configuration file even if
+ *          it is refused, with user, time, reason and result. Any saved version can become active
+ *          again. A change that is refused before its activation is only in the list of refused
+ *          changes (below).
  * Files:   HASH.json: a text, byte for byte, named by its SHA-256. NUMBER.record.json: the record
  *          of a version. active.json: the active version, the probation in progress, the result of
  *          the last probation, and the file that was read last. config/SPEC.md, "Versions", lists
  *          the keys.
- * Power:   each file is replaced as a whole: write, fsync, rename, and fsync of the folder. The
- *          change of active.json decides. So a power cut leaves the state before or the state after
- *          a change. When the folder is opened, records that disagree with active.json are
- *          corrected.
- * Time:    of a probation, the remaining time is saved. No decision depends on a date.
+ * Power:   each file is replaced as a whole: write, fsync, rename, and fsync of the folder. A
+ *          change takes effect when active.json is replaced. So a power cut leaves the state before
+ *          or the state after a change. When the folder is opened, results in the records are
+ *          updated from active.json.
+ * Time:    the remaining time of a probation is saved, not its end. No decision depends on a date.
  * Bound:   TL_VERSIONS_MOST versions and TL_VERSIONS_BYTES of texts; the oldest are removed first.
  *          These are never removed: the oldest, the newest and the active version; the parent of
- *          the active one; the target of a rollback; the version that was commissioned last.
+ *          the active one; the target of a rollback; the newest commissioned version
+ *          (tl_versions_commissioned()).
  * Errors:  TL_TRY_AGAIN if the disk rejects a write; TL_BAD_DATA if a file is damaged or missing.
  *          Then nothing changes in memory or on disk.
  * Memory:  tl_versions_open() allocates the list; tl_versions_close() frees it.
@@ -44,12 +47,12 @@ enum { TL_VERSIONS_MOST = 50, TL_VERSIONS_BYTES = 16 * 1024 * 1024, TL_VERSION_W
 
 /* Result of a version. */
 typedef enum tl_version_result {
-    TL_VERSION_CANDIDATE, /* not active yet */
-    TL_VERSION_ACTIVE,    /* activated without a probation */
-    TL_VERSION_PROBATION, /* active, on probation */
-    TL_VERSION_KEPT,      /* kept after a probation */
-    TL_VERSION_RETURNED,  /* rolled back to the version before */
-    TL_VERSION_REFUSED,   /* never activated */
+    TL_VERSION_CANDIDATE,   /* not active yet */
+    TL_VERSION_ACTIVE,      /* activated without a probation */
+    TL_VERSION_PROBATION,   /* active, on probation */
+    TL_VERSION_KEPT,        /* kept after a probation */
+    TL_VERSION_ROLLED_BACK, /* probation failed, was cancelled or was replaced by another version */
+    TL_VERSION_REFUSED,     /* never activated */
     TL_VERSION_RESULTS
 } tl_version_result;
 
@@ -62,12 +65,12 @@ typedef struct tl_version {
     char hash[TL_SHA256_TEXT];
     uint64_t size; /* bytes of its text */
     tl_change_origin origin;
-    tl_change_right right; /* that the change needs; of the configuration file at a start: commission */
+    tl_change_right right; /* right that the change needs; a configuration file read at a start: commission */
     tl_change_kind kind;   /* of the change from its parent; TL_CHANGE_RESTART for the first */
     tl_version_result result;
     char who[TL_VERSION_WHO];    /* name of the user */
     char why[TL_VERSION_WHY];    /* the user's reason for the change */
-    char reason[TL_VERSION_WHY]; /* of the result: "in lock in 71 % of the steps (required 95 %)" */
+    char reason[TL_VERSION_WHY]; /* why it has this result: "in lock in 71 % of the steps (required 95 %)" */
     char at[TL_UTC_TEXT];        /* when it was added (UTC); for display only */
     char boot[TL_IDENTITY_TEXT]; /* boot ID of the kernel when it was added */
     uint64_t boottime_ms;        /* time from that boot until it was added */
@@ -85,13 +88,13 @@ typedef struct tl_versions {
     size_t count;
     uint64_t active; /* number; 0: no version was activated yet */
     tl_version_probation probation;
-    char taken[TL_SHA256_TEXT]; /* hash of the configuration file that was read last; "": none */
+    char file_hash[TL_SHA256_TEXT]; /* of the configuration file that was processed last; "": none */
     /* private */
-    size_t room;                  /* capacity of the list */
-    uint64_t newest;              /* the highest number used so far */
-    uint64_t settled;             /* the version whose result was set last; 0: none */
-    tl_version_result how;        /* that result */
-    char because[TL_VERSION_WHY]; /* and its reason */
+    size_t room;                      /* capacity of the list */
+    uint64_t newest;                  /* the highest number used so far */
+    uint64_t result_version;          /* the version whose result was set last; 0: none */
+    tl_version_result last_result;    /* that result */
+    char last_reason[TL_VERSION_WHY]; /* and its reason */
     char folder[PATH_MAX];
 } tl_versions;
 
@@ -115,10 +118,10 @@ const tl_version *tl_versions_active(const tl_versions *versions);
 /* Returns the newest version with this hash, or NULL. */
 const tl_version *tl_versions_of_hash(const tl_versions *versions, const char *hash);
 
-/* Returns the version that was commissioned last, or NULL: the newest one that was kept or
- * activated without a probation, and that came from the box or needed the right `commission`. With
- * the right `retune`, a tolerance may be widened only within limits relative to this version
- * (worker.h). */
+/* Returns the newest commissioned version, or NULL. A version is commissioned if it was kept, or
+ * activated without a probation, and if it was sent on the box (without a right) or needed the
+ * right `commission`. With the right `retune`, a tolerance may be widened only within limits
+ * relative to this version (worker.h). */
 const tl_version *tl_versions_commissioned(const tl_versions *versions);
 
 /* Reads the text of a version, with a final NUL; the caller calls free(). Checks its hash and size.
@@ -137,8 +140,8 @@ typedef struct tl_version_candidate {
     tl_change_kind kind;
 } tl_version_candidate;
 
-/* Checks whether the disk has space for a version with a text of `size` bytes. Allocates that space
- * and frees it again. */
+/* Checks whether the disk has space for a version with a text of `size` bytes, by allocating and
+ * freeing it. Reserves nothing. */
 tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_error *error);
 
 /* Adds a candidate and sets *number to its number. Its parent is the active version. Old versions
@@ -147,13 +150,13 @@ tl_status tl_versions_add(tl_versions *versions, const tl_version_candidate *can
                           tl_error *error);
 
 /* Records that a candidate in the list is refused, with the reason. If it is the configuration
- * file, the file counts as read: it is a candidate again only after its next change. */
+ * file, the file is marked as processed: it is a candidate again only after its next change. */
 tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char *reason, tl_error *error);
 
 /* Activates a version of the list, on probation with `account`; NULL: without a probation. A
- * probation in progress ends, and its version counts as rolled back. The new version then has the
- * same target of a rollback. If the new version is that target, it has no probation. If it is the
- * configuration file, the file counts as read. */
+ * probation in progress ends as rolled back, and the new version inherits its rollback target. If
+ * the new version is that target, it has no probation. If it is the configuration file, the file is
+ * marked as processed. */
 tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_probation_account *account,
                                tl_error *error);
 
@@ -165,8 +168,8 @@ tl_status tl_versions_repair(const tl_versions *versions, uint64_t number, const
 /* Saves the progress of the probation. The caller does this every 10 s and at each start. */
 tl_status tl_versions_save_probation(tl_versions *versions, const tl_probation_account *account, tl_error *error);
 
-/* Ends the probation. TL_VERSION_KEPT: its version remains active. TL_VERSION_RETURNED: the target
- * of the rollback becomes active again. */
+/* Ends the probation. TL_VERSION_KEPT: its version remains active. TL_VERSION_ROLLED_BACK: the
+ * target of the rollback becomes active again. */
 tl_status tl_versions_end_probation(tl_versions *versions, tl_version_result result, const char *reason,
                                     tl_error *error);
 
@@ -175,43 +178,44 @@ tl_status tl_versions_end_probation(tl_versions *versions, tl_version_result res
 typedef struct tl_version_choice {
     char *text; /* of the version to run, with a final NUL; the caller calls free(). NULL: run the file */
     size_t size;
-    uint64_t number;   /* of the version; 0: the file is not a version yet */
-    bool is_candidate; /* the file has changed since it was read last: add it as TL_ORIGIN_START, and validate it */
+    uint64_t number;   /* of the version; 0: the file, which is not a version yet */
+    bool is_candidate; /* run the file: add it as TL_ORIGIN_START, and validate it */
 } tl_version_choice;
 
-/* Selects the text to run: the file if it has changed since it was read last, else the active
- * version. If that is damaged, activates an older version that can be read. If there is none,
- * selects the file. Each of these two cases is logged. `file`: the text of the file; NULL: it
- * cannot be read. Returns TL_BAD_DATA if there is no text at all. */
+/* Selects the text to run. The file, as a candidate: if it has changed since it was processed, or
+ * if no version was activated yet. Else the active version. If that is damaged, activates an older
+ * version that can be read. If there is none, selects the file as a candidate. The last two cases
+ * are logged. `file`: the text of the file; NULL: it cannot be read. Returns TL_BAD_DATA if there
+ * is no text at all. */
 tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
                              tl_error *error);
 
-/* ---- Refused and cancelled candidates, saved in the same folder. They never become versions.
+/* ---- Refused and cancelled changes, saved in the same folder. They never become versions.
  *
  * Purpose: a list of versions also shows which user tried a change, and why it was refused. The
  *          texts are not saved.
  * Files:   refused-0.json … refused-19.json in STATE/versions/, one for each refusal, replaced as a
  *          whole. A new refusal replaces the oldest. config/SPEC.md, "Versions", lists the keys.
- * Bound:   the newest TL_REFUSALS_MOST. No version is removed for them.
+ * Bound:   the newest TL_REFUSED_CHANGES_MOST (20). No version is removed for them.
  * Errors:  damaged files are skipped. If the disk rejects a write, only that refusal is lost.
  * Thread:  one thread.
  */
 
-enum { TL_REFUSALS_MOST = 20 };
+enum { TL_REFUSED_CHANGES_MOST = 20 };
 
-typedef struct tl_refusal_list {
+typedef struct tl_refused_changes {
     size_t count;
-    tl_control_version list[TL_REFUSALS_MOST]; /* the oldest first; `version` counts up from 1 */
+    tl_control_version list[TL_REFUSED_CHANGES_MOST]; /* the oldest first; `version` counts up from 1 */
     char folder[PATH_MAX];
-} tl_refusal_list;
+} tl_refused_changes;
 
 /* Reads the refusals in the folder of opened versions. */
-void tl_refusals_open(tl_refusal_list *refusals, const tl_versions *versions);
+void tl_refused_changes_open(tl_refused_changes *refusals, const tl_versions *versions);
 
 /* Adds a refusal to the list and saves it. `result`: "refused" or "cancelled"; `reason`: its
- * reason. Texts are truncated and cleaned. Returns TL_TRY_AGAIN if the disk rejects it; then it is
- * lost with this process. */
-tl_status tl_refusals_add(tl_refusal_list *refusals, const tl_control_request *request, const char *result,
-                          const char *reason, tl_error *error);
+ * reason. Texts are truncated and cleaned. Returns TL_TRY_AGAIN if the disk rejects it; then it
+ * stays in the list until this process ends. */
+tl_status tl_refused_changes_add(tl_refused_changes *refusals, const tl_control_request *request, const char *result,
+                                 const char *reason, tl_error *error);
 
 #endif

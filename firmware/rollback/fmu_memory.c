@@ -48,7 +48,7 @@ typedef struct tl_fmu_memory_state {
 static tl_fmu_heap_note_opening note_opening;
 
 tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error) {
-    *memory = (tl_fmu_memory){.folder = folder, .watched = TL_FMU_MEMORY_WATCHED};
+    *memory = (tl_fmu_memory){.folder = folder, .calls_to_check = TL_FMU_MEMORY_WATCHED};
     memory->heap = tl_fmu_libc_open(RESERVED, error);
     if (memory->heap == NULL) {
         return TL_TRY_AGAIN;
@@ -69,7 +69,7 @@ tl_fmu_memory *tl_fmu_memory_of_python(tl_error *error) {
         return NULL;
     }
     shared.heap->allows_threads = true;
-    shared.watched = TL_FMU_MEMORY_WATCHED;
+    shared.calls_to_check = TL_FMU_MEMORY_WATCHED;
     return &shared;
 }
 
@@ -101,12 +101,12 @@ static void describe_descriptor(unsigned number, char text[TL_FMU_SIDE_EFFECT_TE
     (void)snprintf(text, TL_FMU_SIDE_EFFECT_TEXT, "an open file or socket, %s", name);
 }
 
-void tl_fmu_side_effects_check(tl_fmu_side_effects *traces) {
+void tl_fmu_side_effects_list(tl_fmu_side_effects *effects) {
     siginfo_t about;
-    *traces = (tl_fmu_side_effects){.threads = count_threads(),
-                                    .has_children = waitid(P_ALL, 0, &about, WEXITED | WNOHANG | WNOWAIT) == 0};
+    *effects = (tl_fmu_side_effects){.threads = count_threads(),
+                                     .has_children = waitid(P_ALL, 0, &about, WEXITED | WNOHANG | WNOWAIT) == 0};
     for (unsigned i = 0; i < TL_FMU_SIDE_EFFECTS_DESCRIPTORS; i++) {
-        traces->is_open[i] = fcntl((int)i, F_GETFD) >= 0;
+        effects->is_open[i] = fcntl((int)i, F_GETFD) >= 0;
     }
 }
 
@@ -137,19 +137,19 @@ void tl_fmu_memory_keep_flags(tl_fmu_memory *memory) {
 
 void tl_fmu_memory_watched(tl_fmu_memory *memory) {
     tl_fmu_side_effects after;
-    tl_fmu_side_effects_check(&after);
+    tl_fmu_side_effects_list(&after);
     after.threads -= memory->heap->threads_started - memory->started_before;
-    memory->watched--;
-    if (memory->left[0] == '\0') {
-        (void)find_new(&memory->before, &after, memory->left);
+    memory->calls_to_check--;
+    if (memory->side_effect[0] == '\0') {
+        (void)find_new(&memory->before, &after, memory->side_effect);
     }
 }
 
 void tl_fmu_memory_check_opened(tl_fmu_memory *memory) {
     memory->heap->has_opened = false;
     for (unsigned i = 0; i < TL_FMU_HEAP_DESCRIPTORS; i++) {
-        if (memory->heap->is_opened[i] && memory->left[0] == '\0' && fcntl((int)i, F_GETFD) >= 0) {
-            describe_descriptor(i, memory->left);
+        if (memory->heap->is_opened[i] && memory->side_effect[0] == '\0' && fcntl((int)i, F_GETFD) >= 0) {
+            describe_descriptor(i, memory->side_effect);
         }
         memory->heap->is_opened[i] = false;
     }
@@ -179,7 +179,7 @@ static tl_status make_room(tl_fmu_memory *memory, memory_state **state, size_t n
 }
 
 static bool is_in_pages(const tl_fmu_memory *memory, size_t region) {
-    const tl_fmu_region *one = &memory->places.place[region];
+    const tl_fmu_region *one = &memory->regions.place[region];
     return region < memory->paged && one->has_pages && one->size >= PAGED_REGION;
 }
 
@@ -189,7 +189,7 @@ static bool is_in_pages(const tl_fmu_memory *memory, size_t region) {
  * opened: their number, then the number and contents of each. */
 static bool is_late(const tl_fmu_memory *memory, size_t region) {
     return memory->pages != NULL && region >= memory->paged && memory->opened_as[region] != NULL &&
-           memory->places.place[region].size >= PAGED_REGION;
+           memory->regions.place[region].size >= PAGED_REGION;
 }
 
 static size_t page_size_at(const tl_fmu_region *region, size_t at) {
@@ -198,7 +198,7 @@ static size_t page_size_at(const tl_fmu_region *region, size_t at) {
 
 /* Returns the number of bytes. `bytes` NULL: only this. */
 static size_t save_late(const tl_fmu_memory *memory, size_t number, unsigned char *bytes) {
-    const tl_fmu_region *region = &memory->places.place[number];
+    const tl_fmu_region *region = &memory->regions.place[number];
     uint32_t count = 0;
     size_t used = sizeof count;
     for (size_t at = 0; at < region->size; at += TL_FMU_PAGE) {
@@ -222,7 +222,7 @@ static size_t save_late(const tl_fmu_memory *memory, size_t number, unsigned cha
 
 /* Returns the number of bytes. `bytes` NULL: the library had not been opened yet. */
 static size_t restore_late(const tl_fmu_memory *memory, size_t number, const unsigned char *bytes) {
-    const tl_fmu_region *region = &memory->places.place[number];
+    const tl_fmu_region *region = &memory->regions.place[number];
     uint32_t left = 0;
     uint32_t page = 0;
     size_t used = sizeof left;
@@ -249,20 +249,20 @@ static size_t restore_late(const tl_fmu_memory *memory, size_t number, const uns
 
 static size_t bytes_outside_pages(const tl_fmu_memory *memory) {
     size_t sum = 0;
-    for (size_t i = 0; i < memory->places.count; i++) {
+    for (size_t i = 0; i < memory->regions.count; i++) {
         sum += is_in_pages(memory, i) ? 0
                : is_late(memory, i)   ? save_late(memory, i, NULL)
-                                      : memory->places.place[i].size;
+                                      : memory->regions.place[i].size;
     }
     return sum;
 }
 
 size_t tl_fmu_memory_size(const tl_fmu_memory *memory) {
-    if (!memory->are_found) {
+    if (!memory->has_regions) {
         return 0;
     }
     return sizeof(memory_state) + (memory->pages == NULL
-                                       ? tl_fmu_heap_used(memory->heap) + memory->places.bytes
+                                       ? tl_fmu_heap_used(memory->heap) + memory->regions.bytes
                                        : tl_fmu_pages_size(memory->pages) + bytes_outside_pages(memory));
 }
 
@@ -273,12 +273,12 @@ static tl_status choose_storage(tl_fmu_memory *memory, size_t used, tl_error *er
     tl_fmu_region ranges[TL_FMU_REGIONS + 1];
     size_t count = 0;
     size_t large = tl_fmu_written_serves() ? TL_FMU_MEMORY_LARGE : TL_FMU_MEMORY_LARGE_COMPARED;
-    if (memory->pages != NULL || used + memory->places.bytes < large) {
+    if (memory->pages != NULL || used + memory->regions.bytes < large) {
         return TL_OK;
     }
-    memory->paged = memory->places.count;
-    for (size_t i = 0; i < memory->places.count; i++) {
-        const tl_fmu_region *region = &memory->places.place[i];
+    memory->paged = memory->regions.count;
+    for (size_t i = 0; i < memory->regions.count; i++) {
+        const tl_fmu_region *region = &memory->regions.place[i];
         size_t before = (uintptr_t)region->begin % TL_FMU_PAGE; /* bytes between the start of the page and the region */
         size_t size = (before + region->size + TL_FMU_PAGE - 1) / TL_FMU_PAGE * TL_FMU_PAGE;
         if (is_in_pages(memory, i)) {
@@ -293,9 +293,9 @@ static tl_status choose_storage(tl_fmu_memory *memory, size_t used, tl_error *er
 
 /* ---- check for side effects ---- */
 
-const char *tl_fmu_memory_remaining(const tl_fmu_memory *memory) {
-    if (memory->left[0] != '\0') {
-        return memory->left;
+const char *tl_fmu_memory_side_effect(const tl_fmu_memory *memory) {
+    if (memory->side_effect[0] != '\0') {
+        return memory->side_effect;
     }
     return memory->heap->has_threads          ? "a thread"
            : memory->heap->has_outside_memory ? "memory outside of its heap"
@@ -316,17 +316,17 @@ static bool begins_with(const tl_fmu_regions *now, const tl_fmu_regions *known) 
 static tl_status find_regions(tl_fmu_memory *memory, tl_error *error) {
     tl_fmu_regions now;
     unsigned long long changed = tl_fmu_regions_changed();
-    if (memory->are_found && changed == memory->changed) {
+    if (memory->has_regions && changed == memory->changed) {
         return TL_OK;
     }
     tl_status status = tl_fmu_regions_find(memory->folder, &now, error);
-    if (status == TL_OK && memory->are_found && !begins_with(&now, &memory->places)) {
+    if (status == TL_OK && memory->has_regions && !begins_with(&now, &memory->regions)) {
         return tl_fail(error, TL_FMU_FAILED,
                        "its memory cannot be copied, because it has closed a library, or another FMU has opened the "
                        "same one");
     }
-    memory->places = now;
-    memory->are_found = status == TL_OK;
+    memory->regions = now;
+    memory->has_regions = status == TL_OK;
     memory->changed = changed;
     return status;
 }
@@ -335,28 +335,28 @@ static tl_status find_regions(tl_fmu_memory *memory, tl_error *error) {
 static void note_closing(tl_fmu_memory *memory) {
     tl_fmu_regions now;
     tl_fmu_regions_forget_closed();
-    if (!memory->are_found) {
+    if (!memory->has_regions) {
         return;
     }
-    bool are_found = tl_fmu_regions_find(memory->folder, &now, NULL) == TL_OK;
-    if (are_found && begins_with(&now, &memory->places)) {
+    bool has_regions = tl_fmu_regions_find(memory->folder, &now, NULL) == TL_OK;
+    if (has_regions && begins_with(&now, &memory->regions)) {
         return; /* all regions remain; others may be new */
     }
-    if (!are_found || now.count < memory->paged || !begins_with(&memory->places, &now)) {
-        (void)snprintf(memory->left, sizeof memory->left, "closed a library that its copies contain");
+    if (!has_regions || now.count < memory->paged || !begins_with(&memory->regions, &now)) {
+        (void)snprintf(memory->side_effect, sizeof memory->side_effect, "closed a library that its copies contain");
         return;
     }
-    while (memory->places.count > now.count) {
-        free(memory->opened_as[--memory->places.count]);
-        memory->opened_as[memory->places.count] = NULL;
+    while (memory->regions.count > now.count) {
+        free(memory->opened_as[--memory->regions.count]);
+        memory->opened_as[memory->regions.count] = NULL;
     }
-    memory->places = now;
+    memory->regions = now;
 }
 
 /* The contents of new regions are kept, because earlier copies lack them. */
 static void note_opening(void *context, tl_fmu_library_change change, void *library) {
     tl_fmu_memory *memory = context;
-    size_t known = memory->places.count;
+    size_t known = memory->regions.count;
     if (change == TL_FMU_LIBRARY_OPENS) {
         memory->loaded = tl_fmu_regions_loaded();
         return;
@@ -366,13 +366,13 @@ static void note_opening(void *context, tl_fmu_library_change change, void *libr
         return;
     }
     tl_fmu_regions_claim(memory->folder, library, memory->loaded);
-    if (!memory->are_found || find_regions(memory, NULL) != TL_OK) {
+    if (!memory->has_regions || find_regions(memory, NULL) != TL_OK) {
         return;
     }
     memory->openings++;
-    for (size_t i = known; i < memory->places.count; i++) {
+    for (size_t i = known; i < memory->regions.count; i++) {
         memory->opened_in[i] = memory->openings;
-        const tl_fmu_region *region = &memory->places.place[i];
+        const tl_fmu_region *region = &memory->regions.place[i];
         memory->opened_as[i] = malloc(region->size);
         if (memory->opened_as[i] != NULL) {
             memcpy(memory->opened_as[i], region->begin, region->size);
@@ -404,7 +404,7 @@ static bool are_threads_asleep(tl_fmu_memory *memory) {
     }
     bool is_asleep = wait_until_asleep(heap);
     uint32_t live = tl_fmu_libc_threads_alive(heap);
-    heap->has_threads = heap->has_threads || !is_asleep || (memory->are_found && live > memory->live_threads);
+    heap->has_threads = heap->has_threads || !is_asleep || (memory->has_regions && live > memory->live_threads);
     memory->settled_threads = heap->threads_started;
     memory->live_threads = live;
     return !heap->has_threads;
@@ -416,7 +416,7 @@ static bool are_threads_asleep(tl_fmu_memory *memory) {
  * storage. */
 static void copy_regions(const tl_fmu_memory *memory, size_t count, bool all, unsigned char *bytes, bool restore) {
     for (size_t i = 0; i < count; i++) {
-        const tl_fmu_region *region = &memory->places.place[i];
+        const tl_fmu_region *region = &memory->regions.place[i];
         if (!all && is_late(memory, i)) {
             bytes += restore ? restore_late(memory, i, bytes) : save_late(memory, i, bytes);
         } else if (all || !is_in_pages(memory, i)) {
@@ -436,7 +436,7 @@ static tl_status save_pages(tl_fmu_memory *memory, memory_state **state, size_t 
     }
     if (status == TL_OK) {
         (*state)->pages = memory->pages;
-        copy_regions(memory, memory->places.count, false, (*state)->bytes, false);
+        copy_regions(memory, memory->regions.count, false, (*state)->bytes, false);
     } else if (before == NULL) {
         tl_fmu_memory_forget(*state);
     }
@@ -462,7 +462,7 @@ static void forget_loader_error(void) {
 
 tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *error) {
     forget_loader_error();
-    const char *side_effect = are_threads_asleep(memory) ? tl_fmu_memory_remaining(memory) : "a thread";
+    const char *side_effect = are_threads_asleep(memory) ? tl_fmu_memory_side_effect(memory) : "a thread";
     if (side_effect != NULL) {
         return tl_fail(error, TL_FMU_FAILED, "its memory cannot be copied, because it has %s", side_effect);
     }
@@ -474,7 +474,7 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     if (status == TL_OK && memory->pages != NULL) {
         status = save_pages(memory, &kept, used, error);
     } else if (status == TL_OK) {
-        status = make_room(memory, &kept, used + memory->places.bytes, error);
+        status = make_room(memory, &kept, used + memory->regions.bytes, error);
     }
     if (status != TL_OK) {
         if (is_reserved) {
@@ -485,12 +485,12 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     }
     if (memory->pages == NULL) {
         memcpy(kept->bytes, memory->heap->base, used);
-        copy_regions(memory, memory->places.count, true, kept->bytes + used, false);
+        copy_regions(memory, memory->regions.count, true, kept->bytes + used, false);
     }
     *state = kept;
     note_used(memory);
     kept->used = used;
-    kept->regions = memory->places.count;
+    kept->regions = memory->regions.count;
     kept->openings = memory->openings;
     kept->raised = memory->raised;
     kept->flags = memory->flags;
@@ -504,7 +504,7 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
 
 static tl_status reserve_one(tl_fmu_memory *memory, tl_error *error) {
     memory_state *made = NULL;
-    size_t need = memory->pages != NULL ? bytes_outside_pages(memory) : memory->most_used + memory->places.bytes;
+    size_t need = memory->pages != NULL ? bytes_outside_pages(memory) : memory->most_used + memory->regions.bytes;
     tl_status status = make_room(memory, &made, need, error);
     if (status == TL_OK && memory->pages != NULL && !tl_fmu_pages_reserve_version(memory->pages, &made->version)) {
         status = tl_fail(error, TL_TRY_AGAIN, "not enough memory for copies (%s)", name_of(memory));
@@ -537,9 +537,9 @@ void tl_fmu_memory_remeasure(tl_fmu_memory *memory) {
     }
 }
 
-void tl_fmu_memory_freeze_estimate(tl_fmu_memory *memory, bool passes) {
+void tl_fmu_memory_freeze_estimate(tl_fmu_memory *memory, bool freezes) {
     if (memory->pages != NULL) {
-        tl_fmu_pages_freeze_estimate(memory->pages, passes);
+        tl_fmu_pages_freeze_estimate(memory->pages, freezes);
     }
 }
 
@@ -556,7 +556,7 @@ void tl_fmu_memory_free_reserve(tl_fmu_memory *memory) {
 static bool has_unknown_library(tl_fmu_memory *memory, const memory_state *kept) {
     tl_error ignored;
     bool is_unknown = memory->folder == NULL && find_regions(memory, &ignored) != TL_OK;
-    for (size_t i = kept->regions; i < memory->places.count; i++) {
+    for (size_t i = kept->regions; i < memory->regions.count; i++) {
         is_unknown = is_unknown || memory->opened_as[i] == NULL;
     }
     return is_unknown;
@@ -564,12 +564,12 @@ static bool has_unknown_library(tl_fmu_memory *memory, const memory_state *kept)
 
 bool tl_fmu_memory_has_new_library(tl_fmu_memory *memory, const void *state) {
     const memory_state *kept = state;
-    return has_unknown_library(memory, kept) || kept->regions != memory->places.count;
+    return has_unknown_library(memory, kept) || kept->regions != memory->regions.count;
 }
 
 /* Returns true if a library in the state was closed since; it may have been opened again. */
 static bool lacks_library(const tl_fmu_memory *memory, const memory_state *kept) {
-    return kept->regions > memory->places.count ||
+    return kept->regions > memory->regions.count ||
            (kept->regions > 0 && memory->opened_in[kept->regions - 1] > kept->openings);
 }
 
@@ -577,7 +577,7 @@ const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state) {
     return has_unknown_library(memory, state) ? "opened a library since the copy was made"
            : lacks_library(memory, state)     ? "closed a library since the copy was made"
            : !are_threads_asleep(memory)      ? "a thread"
-                                              : tl_fmu_memory_remaining(memory);
+                                              : tl_fmu_memory_side_effect(memory);
 }
 
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
@@ -593,7 +593,7 @@ void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
         tl_fmu_pages_restore(memory->pages, &kept->version, was_written);
     }
     copy_regions(memory, kept->regions, is_complete, kept->bytes + (is_complete ? kept->used : 0), true);
-    for (size_t i = kept->regions; i < memory->places.count; i++) {
+    for (size_t i = kept->regions; i < memory->regions.count; i++) {
         (void)restore_late(memory, i, NULL);
     }
     if (is_complete && memory->pages != NULL) { /* the state was saved before the FMU became large */
@@ -609,11 +609,11 @@ bool tl_fmu_memory_is_same(const tl_fmu_memory *memory, const void *state) {
     const memory_state *kept = state;
     bool is_complete = kept->pages == NULL;
     const unsigned char *bytes = kept->bytes + (is_complete ? kept->used : 0);
-    bool is_same = tl_fmu_heap_used(memory->heap) == kept->used && memory->places.count == kept->regions &&
+    bool is_same = tl_fmu_heap_used(memory->heap) == kept->used && memory->regions.count == kept->regions &&
                    (is_complete ? memcmp(memory->heap->base, kept->bytes, kept->used) == 0
                                 : tl_fmu_pages_are_same(memory->pages, &kept->version, kept->used));
     for (size_t i = 0; i < kept->regions && is_same; i++) {
-        const tl_fmu_region *region = &memory->places.place[i];
+        const tl_fmu_region *region = &memory->regions.place[i];
         if (is_complete || !is_in_pages(memory, i)) {
             is_same = !is_late(memory, i) && memcmp(region->begin, bytes, region->size) == 0;
             bytes += region->size;

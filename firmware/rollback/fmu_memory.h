@@ -1,5 +1,5 @@
-/* Rollback by memory: saves and restores the whole memory of one FMU, if the FMU cannot do this
- * itself, or not exactly.
+/* Rollback by memory: saves and restores the whole memory of one FMU. Used if the FMU has no state
+ * functions, or if they do not restore every bit or are slower.
  *
  * Purpose: the state of an FMU is in memory: its heap (fmu_heap.h), its global and thread-local
  *          variables (fmu_regions.h), the random numbers of the C library, and the exception flags
@@ -33,9 +33,11 @@
  *
  * Purpose: threads, child processes, open files and sockets are held by the kernel, and a restore
  *          does not change them. An FMU with such side effects is not rolled back by memory, and
- *          the side effect is reported. Shared mappings are detected by fmu_heap.h.
- * Detects: what exists after a call and did not exist before. A file that is opened, written and
- *          closed within one call is not detected here; fmu_heap.h notes that it is written.
+ *          the side effect is reported. Threads that sleep between calls are allowed (decision
+ *          068). Shared mappings are detected by fmu_heap.h.
+ * Detects: threads, child processes and descriptors that appear during a call. A file that is
+ *          opened, written and closed within one call is not detected here; fmu_heap.h detects that
+ *          a file was written.
  * Limits:  side effects of other threads of the process during the call are attributed to the FMU.
  * Cost:    some hundred µs per check.
  * Thread:  any, one at a time.
@@ -49,60 +51,62 @@ typedef struct tl_fmu_side_effects {
     bool is_open[TL_FMU_SIDE_EFFECTS_DESCRIPTORS]; /* indexed by descriptor */
 } tl_fmu_side_effects;
 
-/* Fills *traces with the threads, child processes and descriptors that this process has now. */
-void tl_fmu_side_effects_check(tl_fmu_side_effects *traces);
+/* Lists the threads, child processes and descriptors that this process has now. */
+void tl_fmu_side_effects_list(tl_fmu_side_effects *effects);
 
 /* ---- the memory ---- */
 
 /* Number of calls, from the FMU's first one on, that are checked for side effects. In later calls
- * the heap only notes threads, and descriptors that the C library opens. */
+ * only new threads, and descriptors that the C library opens, are detected. */
 enum { TL_FMU_MEMORY_WATCHED = 24 };
 
 /* Bytes from which on an FMU is large: a copy of everything takes longer than a query for written
- * pages (x86-64, 4 changed pages: 2.6 against 1.2 µs at 48 KiB, 0.2 against 1.2 at 16 KiB). If the
- * kernel cannot report written pages, all pages are compared. Then the limit is higher, because
- * memcmp() is much slower than memcpy() on some ARM boxes. */
+ * pages. x86-64, 4 changed pages: a copy takes 2.6 µs at 48 KiB and 0.2 µs at 16 KiB, a query 1.2
+ * µs. If the kernel cannot report written pages, all pages are compared. Then the limit is higher,
+ * because memcmp() is much slower than memcpy() on some ARM boxes. */
 enum { TL_FMU_MEMORY_LARGE = 48 * 1024, TL_FMU_MEMORY_LARGE_COMPARED = 256 * 1024 };
 
 typedef struct tl_fmu_memory {
-    tl_fmu_heap *heap; /* serves the FMU's allocations; NULL: no heap */
-    unsigned watched;  /* calls that are still to be checked for side effects */
+    tl_fmu_heap *heap;       /* serves the FMU's allocations; NULL: no heap */
+    unsigned calls_to_check; /* number of further calls to check for side effects */
     bool
-        has_flags; /* set by the user: saves exception flags for the FMU. It costs as much as a small step, so set it only with rollback by memory */
+        has_flags; /* set by the guard: saves exception flags for the FMU. It costs as much as a small step, so set it only with rollback by memory */
     int raised;    /* the FMU's floating-point exceptions, as fetestexcept() returns them */
-    fexcept_t flags;       /* the same in the format of the machine */
-    const char *folder;    /* NULL: the memory of all FMUs in Python */
-    bool is_given_up;      /* set by the user: one of several FMUs uses another method */
-    tl_fmu_regions places; /* private, from here on */
-    bool are_found;        /* `places` is valid */
-    unsigned char *opened_as
-        [TL_FMU_REGIONS]; /* contents of regions of libraries when they were opened in a call; NULL: not known */
-    uint32_t opened_in[TL_FMU_REGIONS];   /* number of the opening by which a region exists; 0: not by a call */
-    uint32_t openings;                    /* of libraries by calls */
-    size_t loaded;                        /* libraries before the one that a call opens now */
-    size_t paged;                         /* regions that existed when `pages` was created */
-    uint32_t settled_threads;             /* threads_started of the heap when its threads were found asleep */
-    uint32_t live_threads;                /* number of them that had not ended */
-    uint32_t started_before;              /* threads_started of the heap before the present call */
-    unsigned long long changed;           /* tl_fmu_regions_changed() when `places` was filled */
-    size_t most_used;                     /* most bytes of the heap at a save or restore */
-    tl_fmu_pages *pages;                  /* NULL: the FMU is not large */
-    struct tl_fmu_memory_state *reserved; /* memory for later states */
-    tl_fmu_side_effects before;           /* side effects before the present call */
-    char left[TL_FMU_SIDE_EFFECT_TEXT];   /* side effect that was found; "": none */
+    fexcept_t flags;        /* the same in the format of the machine */
+    const char *folder;     /* NULL: the memory of all FMUs in Python */
+    bool is_given_up;       /* set by the guard: another FMU in Python uses another method, so none is copied */
+    tl_fmu_regions regions; /* private, from here on */
+    bool has_regions;       /* `regions` is valid */
+    unsigned char
+        *opened_as[TL_FMU_REGIONS]; /* per region of a library that a call opened: its contents then; NULL: not known */
+    uint32_t opened_in
+        [TL_FMU_REGIONS]; /* per region: value of `openings` when a call opened its library; 0: not opened by a call */
+    uint32_t openings;    /* number of libraries that calls have opened */
+    size_t loaded;        /* libraries before the one that a call opens now */
+    size_t paged;         /* regions that existed when `pages` was created */
+    uint32_t settled_threads;   /* heap->threads_started when all of the FMU's threads were last found asleep */
+    uint32_t live_threads;      /* how many of these threads still ran or slept */
+    uint32_t started_before;    /* heap->threads_started before the present call */
+    unsigned long long changed; /* tl_fmu_regions_changed() when `regions` was filled */
+    size_t most_used;           /* largest number of heap bytes at a save or restore */
+    tl_fmu_pages *pages;        /* NULL: the FMU is not large */
+    struct tl_fmu_memory_state *reserved;      /* memory for later states */
+    tl_fmu_side_effects before;                /* side effects before the present call */
+    char side_effect[TL_FMU_SIDE_EFFECT_TEXT]; /* side effect that was found; "": none */
 } tl_fmu_memory;
 
-/* Call it before the FMU is loaded, if tl_fmu_libc_serves(). `folder`: absolute path without
- * links, from which the FMU will be loaded; it must remain valid. The heap exists until the process
- * ends, as the FMU's library does. Errors: TL_TRY_AGAIN. */
+/* Call it before the FMU is loaded. malloc() must be replaced (tl_fmu_libc_serves() is true).
+ * `folder`: absolute path without links, from which the FMU will be loaded; it must remain valid.
+ * The heap exists until the process ends, as the FMU's library does. Errors: TL_TRY_AGAIN if memory
+ * is out. */
 tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error);
 
 /* Returns the one memory of all FMUs in Python; NULL with TL_TRY_AGAIN. Call it for each of them
  * before it is loaded. */
 tl_fmu_memory *tl_fmu_memory_of_python(tl_error *error);
 
-/* Must enclose each call of the FMU. With `has_flags` they keep the floating-point exceptions of
- * the FMU and of the program apart. */
+/* Must enclose each call of the FMU. With `has_flags`, enter() restores the FMU's floating-point
+ * exception flags, and leave() saves them. */
 static inline void tl_fmu_memory_enter(tl_fmu_memory *memory);
 static inline void tl_fmu_memory_leave(tl_fmu_memory *memory);
 
@@ -120,12 +124,12 @@ tl_status tl_fmu_memory_reserve(tl_fmu_memory *memory, size_t states, tl_error *
 void tl_fmu_memory_free_reserve(tl_fmu_memory *memory);
 
 /* Returns the side effect that prevents a copy, as a text; NULL: none was found. */
-const char *tl_fmu_memory_remaining(const tl_fmu_memory *memory);
+const char *tl_fmu_memory_side_effect(const tl_fmu_memory *memory);
 
 /* The first function returns what prevents the restore of a state, as a text; NULL: it can be
- * restored. The second one returns true if the FMU has opened a library since then. A restore
- * returns it to its contents after opening, except for the memory that its constructors have
- * allocated. If these contents are not known, the state cannot be restored. */
+ * restored. The second one returns true if the FMU has opened a library since the state was saved.
+ * A restore resets that library to its contents after opening, except for memory that its
+ * constructors allocated. If these contents are not known, the state cannot be restored. */
 const char *tl_fmu_memory_obstacle(tl_fmu_memory *memory, const void *state);
 bool tl_fmu_memory_has_new_library(tl_fmu_memory *memory, const void *state);
 
@@ -139,16 +143,16 @@ bool tl_fmu_memory_is_same(const tl_fmu_memory *memory, const void *state);
 /* Frees a state; NULL is allowed. */
 void tl_fmu_memory_forget(void *state);
 
-/* Call it if there is no state, and libraries were opened since the first one was saved: then their
- * regions are stored by pages too. */
+/* Call it after all states are freed, if the FMU has opened libraries since the first state was
+ * saved. Then pages of these libraries are tracked too. */
 void tl_fmu_memory_restart_storage(tl_fmu_memory *memory);
 
-/* Restarts the size estimate. Call it after the FMU has freed the states that it saved itself,
- * because they were in its memory too. */
+/* Restarts the estimate of tl_fmu_memory_size(). Call it after the FMU has freed its own FMI
+ * states, because they were in its heap. */
 void tl_fmu_memory_remeasure(tl_fmu_memory *memory);
 
-/* While `passes` is true, saves and restores do not change the size estimate. */
-void tl_fmu_memory_freeze_estimate(tl_fmu_memory *memory, bool passes);
+/* While `freezes` is true, saves and restores do not change the size estimate. */
+void tl_fmu_memory_freeze_estimate(tl_fmu_memory *memory, bool freezes);
 
 /* Returns the size of one state in bytes if the FMU uses as much memory as now. For a large FMU:
  * estimated bytes of one more state. 0: not known yet. */
@@ -156,16 +160,17 @@ size_t tl_fmu_memory_size(const tl_fmu_memory *memory);
 
 /* ---- inline ---- */
 
-/* Private: checks for side effects after a call; only for descriptors that the call has opened by
- * the C library; saves exception flags that have changed. */
+/* Private. The first function checks for all side effects after a call. The second one checks only
+ * for descriptors that the call opened through the C library. The third one saves changed exception
+ * flags. */
 void tl_fmu_memory_watched(tl_fmu_memory *memory);
 void tl_fmu_memory_check_opened(tl_fmu_memory *memory);
 void tl_fmu_memory_keep_flags(tl_fmu_memory *memory);
 
 static inline void tl_fmu_memory_enter(tl_fmu_memory *memory) {
-    if (memory->watched > 0) {
+    if (memory->calls_to_check > 0) {
         memory->started_before = memory->heap->threads_started;
-        tl_fmu_side_effects_check(&memory->before);
+        tl_fmu_side_effects_list(&memory->before);
     }
     if (memory->has_flags && fetestexcept(FE_ALL_EXCEPT) != memory->raised) {
         (void)fesetexceptflag(&memory->flags, FE_ALL_EXCEPT);
@@ -179,7 +184,7 @@ static inline void tl_fmu_memory_leave(tl_fmu_memory *memory) {
     if (memory->has_flags && fetestexcept(FE_ALL_EXCEPT) != memory->raised) {
         tl_fmu_memory_keep_flags(memory);
     }
-    if (memory->watched > 0) {
+    if (memory->calls_to_check > 0) {
         tl_fmu_memory_watched(memory);
     }
     if (memory->heap->has_opened) {

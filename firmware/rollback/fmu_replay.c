@@ -379,7 +379,7 @@ void tl_fmu_replay_begin(tl_fmu_replay *replay) {
     tl_fmu_prologue_end(&replay->prologue);
     if (replay->history.calls != NULL) {
         tl_fmu_history_begin(&replay->history);
-        replay->results->is_over = false;
+        replay->results->is_disabled = false;
     }
     replay->phase = TL_FMU_REPLAY_BEGINS;
 }
@@ -436,7 +436,7 @@ fmi2Status tl_fmu_replay_start(tl_fmu_replay *replay) {
 
 /* Ends the replay if memory for a call was missing; reaching the limit of steps does not end it. */
 static void look_for_end(tl_fmu_replay *replay) {
-    replay->results->is_over = replay->results->is_over || replay->history.has_run_over;
+    replay->results->is_disabled = replay->results->is_disabled || replay->history.has_run_over;
 }
 
 static void note(tl_fmu_replay *replay, tl_fmu_prologue_kind kind, const fmi2ValueReference *references, size_t count,
@@ -444,7 +444,7 @@ static void note(tl_fmu_replay *replay, tl_fmu_prologue_kind kind, const fmi2Val
     const port_group known = group_of(replay, kind);
     if (known.count != count || (count != 0 && known.references != references)) {
         tl_fmu_history_lose(&replay->history);
-        replay->results->is_over = true;
+        replay->results->is_disabled = true;
         return;
     }
     size_t size = bytes_of_values(kind, count);
@@ -525,7 +525,7 @@ static fmi2Status reset_instance(tl_fmu_replay *replay) {
         status = tl_fmu_prologue_play(&replay->prologue, replay->functions, replay->instance);
     }
     tl_time took = tl_clock_now(NULL) - started_at;
-    replay->results->beginning = took > replay->results->beginning ? took : replay->results->beginning;
+    replay->results->longest_reset = took > replay->results->longest_reset ? took : replay->results->longest_reset;
     return status;
 }
 
@@ -563,7 +563,7 @@ fmi2Status tl_fmu_replay_restore_start(tl_fmu_replay *replay) {
         return fmi2Error;
     }
     tl_fmu_history_begin(&replay->history);
-    replay->results->is_over = false;
+    replay->results->is_disabled = false;
     replay->results->differs = false;
     replay->phase = TL_FMU_REPLAY_PLAYS;
     fmi2Status status = reset_instance(replay);

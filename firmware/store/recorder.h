@@ -1,18 +1,20 @@
-/* Recorder of a replay: writes the samples, steps, tunings and events of a run into an SQLite
- * database.
+/* Recorder of a replay, in the same process: writes the samples, steps, tunings and events of a run
+ * into an SQLite database. A live run has a recorder process instead (recorder_writer.h).
  *
- * Purpose: for a process that computes and records. It has a record queue (record_queue.h) in its
- *          own memory, and a thread that runs the writer (recorder_writer.h) every `commit`
- *          interval, or earlier if the ring is half full. Schema: config/SPEC.md, "Database".
+ * Purpose: a record queue (record_queue.h) in the memory of the process, and a thread that runs the
+ *          writer (recorder_writer.h) every settings.commit, or earlier if the queue is half full.
+ *          Schema: config/SPEC.md, "Database".
  * Loss:    synchronous=FULL, so committed data survives a power cut. A power cut or a kill loses
- *          uncommitted data: at most the last `commit` interval if the disk is fast enough.
+ *          uncommitted data: at most the last `commit` interval, or what waits in the queue if the
+ *          disk is slower than the run.
  * Bound:   `max_bytes` for database and write-ahead log together. The oldest runs are removed
  *          first, then the oldest ticks of the present run.
  * Faults:  a full disk or a locked database is reported once, in the log and as an event. Entries
  *          wait in the record queue, which has room for 30 s of steps, at most 16 MiB. If it is
- *          full, a put waits. After settings.patience without success, entries are counted as lost.
- *          Writing is retried every `commit` interval. Success and the number of lost entries are
- *          reported as events too. A damaged, removed or moved file is replaced by a new one.
+ *          full, a put waits for at most settings.patience (default 2 s); then the entry is counted
+ *          as lost. Writing is retried every `commit` interval. Success and the number of lost
+ *          entries are reported as events too. A damaged, removed or moved file is replaced by a
+ *          new one.
  * Writers: one per database, enforced by a lock file; any number of readers.
  * Owner:   tl_recorder_open() allocates, tl_recorder_close() frees.
  * Thread:  put_*: one producer thread. event() and counts: any thread. open and close: one thread;
@@ -37,24 +39,25 @@ typedef struct tl_recorder tl_recorder;
 /* Counts of samples, steps and events that were put. The recorder's own events are not included. */
 typedef struct tl_recorder_counts {
     uint64_t written; /* committed */
-    uint64_t lost;    /* without room in the queue, or lost with their file */
+    uint64_t lost;    /* dropped because the queue was full, or because the file was damaged, removed or moved */
     int64_t run;      /* id of this run in the database */
 } tl_recorder_counts;
 
 /* Opens the database; the run begins now. Errors: TL_TRY_AGAIN (cannot create, another recorder
  * writes it, locked for 2 s, disk full), TL_BAD_DATA (not a twinlock database; it is not changed).
- * The account is copied; all other texts and arrays must outlive the recorder. */
+ * settings->account is copied; all other texts and arrays in `settings` must outlive the
+ * recorder. */
 tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **recorder, tl_error *error);
 
-/* Put an entry; producer thread only. Stamps are relative to t_start. The calls wait if the ring is
- * full. If the disk has then refused for settings.patience, the entry is lost. `ledger` has the
- * counts of all settings.components after this step, so that step and counts are committed
+/* Put an entry; producer thread only. Stamps are relative to t_start. The calls wait if the queue
+ * is full. If the disk still rejects writes after settings.patience, the entry is lost. `ledger`
+ * has the counts of all settings.components after this step, so that step and counts are committed
  * together. */
 void tl_recorder_put_sample(tl_recorder *recorder, const tl_sample *sample);
 void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record, const tl_recorder_component *ledger);
 
-/* Records that the twin uses this tuning from its tick on; call before that tick's sample. The
- * configuration must be one of settings.known, or that of the settings. */
+/* Records the tuning that the twin uses from tuning->tick on; call before that tick's sample. Its
+ * configuration must be in settings.known, or be settings.configuration. */
 void tl_recorder_put_tuning(tl_recorder *recorder, const tl_run_tuning *tuning);
 
 /* Puts an event; any thread, also that of the cycle, because it never blocks. `source` is one word
@@ -64,17 +67,19 @@ void tl_recorder_event(tl_recorder *recorder, int64_t tick, tl_severity severity
 
 tl_recorder_counts tl_recorder_get_counts(const tl_recorder *recorder);
 
-/* Returns the largest number of a finding that the database had at the opening; 0: none. */
+/* Returns the highest number of a finding that the database had when it was opened; 0: none. */
 uint32_t tl_recorder_last_finding(const tl_recorder *recorder);
 
-/* Writes the findings of the run, and what was learnt, as soon as all entries so far are written.
- * Call it at the end; a failure is only logged, because the recording does not depend on it. */
+/* Writes the findings of the run, and the learnt state of the change detector, after all entries so
+ * far. Call it at the end; a failure is only logged, because the recording does not depend on
+ * it. */
 void tl_recorder_put_changes(tl_recorder *recorder, const tl_run_changes *changes);
 
 /* Writes the remaining entries, ends the run with `reason` ("end of recording", "SIGTERM", …) and
- * closes. Retries for at most settings.patience if the disk refuses; then counts the remaining
- * entries as lost and fails with TL_TRY_AGAIN. The run then has no end, and the next recorder marks
- * it as not ended cleanly. `counts` and `recorder` may be NULL. */
+ * closes. If the disk rejects writes, retries for at most settings.patience; then counts the
+ * remaining entries as lost and fails with TL_TRY_AGAIN. The database then has no end time of the
+ * run, and the next recorder marks the run as not ended cleanly. `counts` and `recorder` may be
+ * NULL. */
 tl_status tl_recorder_close(tl_recorder *recorder, const char *reason, tl_recorder_counts *counts, tl_error *error);
 
 #endif

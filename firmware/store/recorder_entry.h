@@ -1,13 +1,14 @@
 /* Packs samples, records and queue entries into bytes, with only the signals that a run has.
  *
- * Purpose: a tl_sample has 1.1 kB; a plant with three signals needs 60 bytes of it. The ring, the
- *          channel to the FMU process and the images of earlier runs (resume.h) use the same
- *          tables.
- * Format:  an entry is one byte for its kind, then its fields in sequence, then a digest. Both
- *          sides run the same program.
- * Trust:   the reader may be in another process than the writer. Kinds, enumerations, texts and
- *          digests are validated, numbers are not. So accidental overwriting is detected, but not a
- *          forged entry.
+ * Purpose: a tl_sample has 1.1 kB; a plant with three signals needs 60 bytes of it. The record
+ *          queue, the channel to the FMU process and the resume data of earlier runs (resume.h) use
+ *          the same tables (tl_packed_part).
+ * Format:  an entry is one byte for its kind, then its fields in sequence, then a digest
+ *          (checksum). Writer and reader are the same program, so the format needs no version and
+ *          no byte order.
+ * Trust:   the reader may be in another process than the writer. Kinds, enumerations, texts and the
+ *          digest are validated, numbers are not. The digest detects accidental overwriting, but no
+ *          forgery.
  * Memory:  the caller's.
  * Thread:  pack: the producer; unpack: the consumer.
  */
@@ -37,7 +38,7 @@ typedef struct tl_recorder_shape {
     size_t components;
 } tl_recorder_shape;
 
-/* Returns the shape of a twin; its components are those of the configuration and the plant. */
+/* Returns the shape of a twin. The plant counts as one more component. */
 tl_recorder_shape tl_recorder_shape_of(const tl_config *config);
 
 /* ---- packed structures ---- */
@@ -55,7 +56,7 @@ typedef struct tl_packed_part {
 extern const tl_packed_part tl_packed_signals[]; /* values, stamps and qualities of a tl_sample */
 extern const tl_packed_part tl_packed_record[];  /* a tl_record */
 
-/* Returns the bytes of the packed parts. */
+/* Returns the packed size in bytes. */
 size_t tl_packed_size(const tl_packed_part *parts, const tl_recorder_shape *shape);
 
 /* Copy the parts in sequence to or from `bytes`, which needs no alignment. Return the end of the
@@ -81,8 +82,9 @@ typedef enum tl_recorder_kind {
 
 /* Beginning of a run. */
 typedef struct tl_record_queue_start {
-    bool holds;                /* safe hold: samples and events only */
-    tl_resumption resumption;  /* `start` and `started` are always valid. run < 0: the previous run of this queue */
+    bool holds; /* safe hold: samples and events only */
+    tl_resumption
+        resumption; /* `start` and `started` are always valid. run < 0: resumes the previous run of this queue, whose id is not known here */
     tl_account account;        /* of the twin; empty if `holds` */
     char fmus[TL_SHA256_TEXT]; /* tl_record_queue_name_fmus(); "": unknown */
     tl_run_tuning configured;  /* tl_record_queue_name_configuration(); hash "": unknown */
@@ -91,59 +93,61 @@ typedef struct tl_record_queue_start {
 /* About 20 kB: not for a small stack. */
 typedef struct tl_recorder_entry {
     tl_recorder_kind kind;
-    uint64_t id;                 /* TL_ENTRY_START, TL_ENTRY_SAMPLE: of the run */
-    tl_record_queue_start start; /* TL_ENTRY_START; account and digests are validated */
-    tl_run_tuning tuning;        /* TL_ENTRY_TUNING; its values are not validated, nor those in `start` */
-    tl_sample sample;            /* TL_ENTRY_SAMPLE; without its instant */
-    tl_record record;            /* TL_ENTRY_STEP */
-    tl_recorder_component ledger[TL_RECORDER_COMPONENTS]; /* with the record */
+    uint64_t id; /* TL_ENTRY_START, TL_ENTRY_SAMPLE: of the run */
+    tl_record_queue_start
+        start; /* TL_ENTRY_START; the account and the SHA-256 texts are validated, the tuning values are not */
+    tl_run_tuning tuning;                                 /* TL_ENTRY_TUNING; its values are not validated */
+    tl_sample sample;                                     /* TL_ENTRY_SAMPLE; without its instant */
+    tl_record record;                                     /* TL_ENTRY_STEP */
+    tl_recorder_component ledger[TL_RECORDER_COMPONENTS]; /* TL_ENTRY_STEP: counts per component */
     char reason[TL_RECORDER_REASON];                      /* TL_ENTRY_END */
 } tl_recorder_entry;
 
-/* Return the size of an entry in bytes. First: of this kind. Second: of TL_ENTRY_START, in safe
- * hold (`holds`) or with an account. Third: of the largest kind. */
+/* Return the size of an entry in bytes. First: of this kind; TL_ENTRY_START: with an account.
+ * Second: of TL_ENTRY_START, without an account in safe hold (`holds`). Third: of the largest
+ * kind. */
 size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind);
 size_t tl_recorder_entry_size_of_start(bool holds);
 size_t tl_recorder_entry_largest(const tl_recorder_shape *shape);
 
 /* ---- into ring memory ---- */
 
-/* Write position of the next entry. Positions count bytes and never wrap; `capacity` is a power of
- * two. */
-typedef struct tl_recorder_pen {
+/* Writer: ring memory, and the position of the next entry in it. Positions count bytes and never
+ *         wrap; `capacity` is a power of two. */
+typedef struct tl_recorder_ring_writer {
     unsigned char *bytes;
     size_t capacity;
     uint64_t position;
     uint64_t digest; /* of the entry being written; any value at first */
-} tl_recorder_pen;
+} tl_recorder_ring_writer;
 
-/* Write an entry; the caller has ensured room. Stamps become relative to `start` and are clamped to
- * the range of tl_time. */
-void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_record_queue_start *start, uint64_t id);
-void tl_recorder_entry_pack_sample(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_sample *sample,
-                                   tl_time start, uint64_t id);
-void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_record *record,
+/* Write an entry; the caller has ensured room. Stamps of a sample are stored relative to `start`
+ * (t_start, ns) and clamped to the range of tl_time. */
+void tl_recorder_entry_pack_start(tl_recorder_ring_writer *pen, const tl_record_queue_start *start, uint64_t id);
+void tl_recorder_entry_pack_sample(tl_recorder_ring_writer *pen, const tl_recorder_shape *shape,
+                                   const tl_sample *sample, tl_time start, uint64_t id);
+void tl_recorder_entry_pack_step(tl_recorder_ring_writer *pen, const tl_recorder_shape *shape, const tl_record *record,
                                  const tl_recorder_component *ledger);
 
 /* Writes TL_ENTRY_TUNING or TL_ENTRY_END, which have one part. */
-void tl_recorder_entry_pack_part(tl_recorder_pen *pen, tl_recorder_kind kind, const void *part, size_t size);
+void tl_recorder_entry_pack_part(tl_recorder_ring_writer *pen, tl_recorder_kind kind, const void *part, size_t size);
 
 /* Returns a stamp relative to `start`, as in an entry. */
 tl_time tl_recorder_entry_stamp(tl_time start, tl_time stamp);
 
-/* Written bytes of the ring, up to position `end`. It is at most `capacity` bytes after the
- * position that is read. */
-typedef struct tl_recorder_page {
+/* Reader: written bytes of the ring, up to position `end`, which is at most `capacity` bytes after
+ *         the read position. */
+typedef struct tl_recorder_ring_reader {
     const unsigned char *bytes;
     size_t capacity;
     uint64_t end;
-} tl_recorder_page;
+} tl_recorder_ring_reader;
 
 /* Reads the entry at `*position`, which is before the end, and advances the position. Returns NULL,
  * or a text that describes the fault; then the position stays and the entry is undefined. Fields
  * beyond the shape are not set. */
-const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_recorder_shape *shape, uint64_t *position,
-                                     tl_recorder_entry *entry);
+const char *tl_recorder_entry_unpack(const tl_recorder_ring_reader *page, const tl_recorder_shape *shape,
+                                     uint64_t *position, tl_recorder_entry *entry);
 
 /* Continues a digest. An entry ends with the digest of its position and bytes, so that accidental
  * overwriting is detected. It costs one multiplication for 8 bytes, because the cycle computes it.

@@ -479,14 +479,14 @@ void tl_assembly_free(tl_assembly *assembly) {
 /* ---- readable paths of the FMUs ---- */
 
 /* Adds an existing path once, except "/". */
-static void add_place(tl_readable_paths *places, const char *path) {
-    char *found = places->count < TL_TWIN_READABLE ? realpath(path, NULL) : NULL;
+static void add_path(tl_readable_paths *paths, const char *path) {
+    char *found = paths->count < TL_READABLE_PATHS_MOST ? realpath(path, NULL) : NULL;
     bool is_new = found != NULL && strcmp(found, "/") != 0;
-    for (size_t i = 0; is_new && i < places->count; i++) {
-        is_new = strcmp(places->path[i], found) != 0;
+    for (size_t i = 0; is_new && i < paths->count; i++) {
+        is_new = strcmp(paths->path[i], found) != 0;
     }
     if (is_new) {
-        places->path[places->count++] = found;
+        paths->path[paths->count++] = found;
     } else {
         free(found);
     }
@@ -494,34 +494,34 @@ static void add_place(tl_readable_paths *places, const char *path) {
 
 /* Adds the library. Also adds its folder if that is a folder for libraries, because the library may
  * load others from there, as Python's modules do. */
-static void add_library(tl_readable_paths *places, const char *path) {
+static void add_library(tl_readable_paths *paths, const char *path) {
     char copy[PATH_MAX];
     (void)snprintf(copy, sizeof copy, "%s", path);
     const char *folder = dirname(copy);
     const char *name = strrchr(folder, '/');
-    add_place(places, name != NULL && strncmp(name, "/lib", strlen("/lib")) == 0 ? folder : path);
+    add_path(paths, name != NULL && strncmp(name, "/lib", strlen("/lib")) == 0 ? folder : path);
 }
 
-static void add_component_places(tl_readable_paths *places, const tl_assembly *assembly, size_t index) {
+static void add_component_paths(tl_readable_paths *paths, const tl_assembly *assembly, size_t index) {
     const tl_config *config = &assembly->config;
     const tl_config_component *component = &config->components[index];
     for (size_t i = 0; i < component->library_count; i++) {
         const char *library = assembly->files[index].libraries[i];
         if (library != NULL && strchr(library, '/') != NULL) {
-            add_library(places, library);
+            add_library(paths, library);
         }
     }
     for (size_t i = 0; i < component->read_count; i++) { /* relative names start at the configuration's folder */
         char path[PATH_MAX];
         const char *file = component->reads[i].name;
         if (file[0] != '\0' && tl_config_file_path(config, file, path, sizeof path)) {
-            add_place(places, path);
+            add_path(paths, path);
         }
     }
     for (size_t i = 0; i < component->set_count; i++) {
         const tl_plan_set *set = &component->set[i];
         if (set->value.type == TL_STRING && strchr(set->value.text, '/') != NULL) {
-            add_place(places, set->value.text);
+            add_path(paths, set->value.text);
         }
     }
 }
@@ -529,7 +529,7 @@ static void add_component_places(tl_readable_paths *places, const tl_assembly *a
 /* Folders that a list of library folders should not contain: "/", a top folder such as "/home", a
  * home, or a parent of a home. */
 static bool is_too_wide(const char *folder) {
-    const char *home = getenv(TL_TWIN_READABLE_HOME);
+    const char *home = getenv(TL_READABLE_PATHS_HOME);
     char *real_home = home != NULL && home[0] == '/' ? realpath(home, NULL) : NULL;
     size_t length = strlen(folder);
     bool holds_home = real_home != NULL && strncmp(real_home, folder, length) == 0 &&
@@ -540,13 +540,13 @@ static bool is_too_wide(const char *folder) {
 
 /* Adds the paths that belong to one folder of a variable. Returns true if the remaining folders are
  * to be skipped. */
-typedef bool add_one(tl_readable_paths *places, const char *folder);
+typedef bool add_one(tl_readable_paths *paths, const char *folder);
 
 /* Only absolute names, because the process has another current folder. */
-static bool add_folder(tl_readable_paths *places, const char *folder) {
+static bool add_folder(tl_readable_paths *paths, const char *folder) {
     char *found = folder[0] == '/' ? realpath(folder, NULL) : NULL;
     if (found != NULL && !is_too_wide(found)) {
-        add_place(places, found);
+        add_path(paths, found);
     }
     free(found);
     return false;
@@ -554,12 +554,12 @@ static bool add_folder(tl_readable_paths *places, const char *folder) {
 
 /* Adds only the parts of a Python installation or environment that Python loads. Its folder may
  * contain other users' files, as ~ does for ~/bin/python3. */
-static bool add_installation(tl_readable_paths *places, const char *prefix) {
+static bool add_installation(tl_readable_paths *paths, const char *prefix) {
     static const char *const parts[] = {"pyvenv.cfg", "lib", "lib64", "lib32"};
     for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++) {
         char path[PATH_MAX];
         if (snprintf(path, sizeof path, "%s/%s", prefix, parts[i]) < (int)sizeof path) {
-            (void)add_folder(places, path);
+            (void)add_folder(paths, path);
         }
     }
     return false;
@@ -568,32 +568,32 @@ static bool add_installation(tl_readable_paths *places, const char *prefix) {
 /* Python loads the packages of the python3 that comes first in PATH. Those of an environment are
  * beside it; those of the installation from which the environment was made are beside the target of
  * the link. */
-static bool add_python(tl_readable_paths *places, const char *folder) {
+static bool add_python(tl_readable_paths *paths, const char *folder) {
     char path[PATH_MAX];
     bool fits = snprintf(path, sizeof path, "%s/python3", folder) < (int)sizeof path;
     char *program = fits ? realpath(path, NULL) : NULL;
     if (program == NULL) {
         return false;
     }
-    (void)add_installation(places, dirname(dirname(path)));
-    (void)add_installation(places, dirname(dirname(program)));
+    (void)add_installation(paths, dirname(dirname(path)));
+    (void)add_installation(paths, dirname(dirname(program)));
     free(program);
     return true;
 }
 
 /* Calls `add_each` for each folder of a variable, separated by colons. */
-static void add_variable(tl_readable_paths *places, const char *name, add_one *add_each) {
+static void add_variable(tl_readable_paths *paths, const char *name, add_one *add_each) {
     const char *list = getenv(name);
     char *copy = list != NULL ? strdup(list) : NULL;
     char *rest = NULL;
     char *folder = copy != NULL ? strtok_r(copy, ":", &rest) : NULL;
-    while (folder != NULL && !add_each(places, folder)) {
+    while (folder != NULL && !add_each(paths, folder)) {
         folder = strtok_r(NULL, ":", &rest);
     }
     free(copy);
 }
 
-void tl_readable_paths_find(const tl_assembly *assembly, tl_readable_paths *places) {
+void tl_readable_paths_find(const tl_assembly *assembly, tl_readable_paths *paths) {
     static const struct {
         const char *name;
         add_one *add;
@@ -602,16 +602,16 @@ void tl_readable_paths_find(const tl_assembly *assembly, tl_readable_paths *plac
         {"PYTHONHOME", add_installation}, {"PATH", add_python},       {"PYTHONUSERBASE", add_installation},
     };
     for (size_t i = 0; i < assembly->config.component_count; i++) {
-        add_component_places(places, assembly, i);
+        add_component_paths(paths, assembly, i);
     }
     for (size_t i = 0; i < sizeof variables / sizeof variables[0]; i++) {
-        add_variable(places, variables[i].name, variables[i].add);
+        add_variable(paths, variables[i].name, variables[i].add);
     }
 }
 
-void tl_readable_paths_free(tl_readable_paths *places) {
-    for (size_t i = 0; i < places->count; i++) {
-        free(places->path[i]);
+void tl_readable_paths_free(tl_readable_paths *paths) {
+    for (size_t i = 0; i < paths->count; i++) {
+        free(paths->path[i]);
     }
-    *places = (tl_readable_paths){.count = 0};
+    *paths = (tl_readable_paths){.count = 0};
 }

@@ -40,11 +40,12 @@ typedef struct tl_assembly {
     tl_twin *twin;
     bool
         trusts_states; /* set before the build: use the FMU's own states if they are exact, even if a memory copy is faster */
-    bool may_rerun;             /* set before the build: as in tl_plan */
-    tl_recording_time recorded; /* set before the build: start, stop and length of the replayed recording; zeroed: unknown */
-    tl_tuning tuning;           /* at the time of the build; tl_assembly_retune() does not change it */
-    tl_arena arena;             /* for all arrays above and for `files` */
-    tl_assembly_file *files;    /* one per component; NULL: not opened yet */
+    bool may_rerun; /* set before the build: as in tl_plan */
+    tl_recording_time
+        recorded;     /* set before the build: start, stop and length of the replayed recording; zeroed: unknown */
+    tl_tuning tuning; /* at the time of the build; tl_assembly_retune() does not change it */
+    tl_arena arena;   /* for all arrays above and for `files` */
+    tl_assembly_file *files; /* one per component; NULL: not opened yet */
 } tl_assembly;
 
 /* Loads the FMUs and builds the twin. The configuration must be loaded; tl_assembly_open() may have
@@ -104,15 +105,15 @@ void tl_assembly_free(tl_assembly *assembly);
  * Thread:  one thread.
  */
 
-enum { TL_TWIN_READABLE = 256 }; /* further paths are ignored without a message */
+enum { TL_READABLE_PATHS_MOST = 256 }; /* further paths are ignored without a message */
 
 /* Environment variable with the home of the user who started the program. HOME is another folder in
  * a process with FMUs. */
-#define TL_TWIN_READABLE_HOME "TWINLOCK_HOME"
+#define TL_READABLE_PATHS_HOME "TWINLOCK_HOME"
 
 /* Absolute paths that exist. Zeroed: empty. */
 typedef struct tl_readable_paths {
-    char *path[TL_TWIN_READABLE];
+    char *path[TL_READABLE_PATHS_MOST];
     size_t count;
 } tl_readable_paths;
 

@@ -151,7 +151,7 @@ static void poll_tolerances(tl_cycle *cycle) {
         return;
     }
     cycle->tolerances = found;
-    cycle->second.tolerances = tl_lock_tolerances_is_there(&found) ? &cycle->tolerances : NULL;
+    cycle->second.tolerances = tl_lock_tolerances_have_weight(&found) ? &cycle->tolerances : NULL;
 }
 
 /* For the times in events and in the status line. */

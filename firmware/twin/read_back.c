@@ -34,12 +34,12 @@ static void evaluate_result(const tl_read_back *read, const char *name, bool is_
     char text[TL_ERROR_TEXT];
     *found = (tl_read_back_component){.finding = is_here ? TL_READ_BACK_UNKNOWN : TL_READ_BACK_IS_EXACT};
     if (read->outcome == TL_READ_BACK_DIFFERS) {
-        found->finding = is_here ? TL_READ_BACK_NOT_FOUND : TL_READ_BACK_IS_OTHER;
+        found->finding = is_here ? TL_READ_BACK_NOT_REPEATABLE : TL_READ_BACK_IS_OTHER;
         (void)snprintf(found->text, sizeof found->text, "%.127s is %.9g in step %u after it, but %.9g %s",
                        read->variable, read->first, read->after, read->again,
                        is_here ? "if the step is repeated after a rollback" : "in the other process");
     } else if (read->outcome == TL_READ_BACK_REFUSED) {
-        found->finding = is_here ? TL_READ_BACK_NOT_FOUND : TL_READ_BACK_IS_REFUSED;
+        found->finding = is_here ? TL_READ_BACK_NOT_REPEATABLE : TL_READ_BACK_IS_REFUSED;
         tl_assembly_quote(read->error.text, name, text, sizeof text);
         (void)snprintf(found->text, sizeof found->text, "%s%.400s",
                        is_here ? "after a rollback it fails in a step that had succeeded: " : "", text);
@@ -51,7 +51,7 @@ static void set_stage(read_answer *kept, read_stage reached) {
     __atomic_store_n(&kept->handover_block, (uint32_t)reached, __ATOMIC_RELEASE);
 }
 
-tl_status tl_read_back_answer(const tl_assembly *assembly, void *block, tl_error *error) {
+tl_status tl_read_back_run_reader(const tl_assembly *assembly, void *block, tl_error *error) {
     read_block *own = block;
     tl_status status = tl_twin_prepare_reader(assembly->twin, error);
     if (status != TL_OK) {
@@ -99,7 +99,7 @@ static void run_readers(const tl_read_back_host *host, tl_read_back_report *repo
         tl_error end = {.text = "the test ended before this component"};
         bool remains = false;
         goes_on = false;
-        (void)host->ask(host->context, &end);
+        (void)host->start_reader(host->context, &end);
         for (size_t i = 0; i < report->count; i++) {
             if (block->of[i].handover_block != STAGE_SKIPPED) {
                 bool settled = evaluate_answer(&block->of[i], &end, &report->of[i]);
@@ -132,7 +132,7 @@ static bool save_states(const tl_assembly *assembly, read_block *block, tl_read_
     return is_saved;
 }
 
-void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *host, tl_read_back_report *report) {
+void tl_read_back_run(const tl_assembly *assembly, const tl_read_back_host *host, tl_read_back_report *report) {
     *report = (tl_read_back_report){.count = assembly->config.component_count};
     if (host == NULL || !tl_twin_can_save(assembly->twin)) {
         return;
@@ -147,11 +147,11 @@ void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *hos
     }
 }
 
-bool tl_read_back_is_useless(tl_read_back_finding finding) {
+bool tl_read_back_prevents_resume(tl_saved_state_outcome finding) {
     return finding == TL_READ_BACK_ENDS || finding == TL_READ_BACK_IS_REFUSED || finding == TL_READ_BACK_IS_OTHER;
 }
 
-const char *tl_read_back_text(tl_read_back_finding finding) {
+const char *tl_read_back_text(tl_saved_state_outcome finding) {
     switch (finding) {
     case TL_READ_BACK_ENDS:
         return "ends the process that loads it";
@@ -159,7 +159,7 @@ const char *tl_read_back_text(tl_read_back_finding finding) {
         return "cannot be loaded by another process";
     case TL_READ_BACK_IS_OTHER:
         return "gives other results in another process";
-    case TL_READ_BACK_NOT_FOUND:
+    case TL_READ_BACK_NOT_REPEATABLE:
     case TL_READ_BACK_IS_EXACT:
     case TL_READ_BACK_UNKNOWN:
         break;

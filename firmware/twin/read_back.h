@@ -25,18 +25,18 @@ enum {
     TL_READ_BACK_TEXT = 512
 };
 
-typedef enum tl_read_back_finding {
+typedef enum tl_saved_state_outcome {
     TL_READ_BACK_UNKNOWN, /* not tested, or not completely */
     TL_READ_BACK_IS_EXACT,
     TL_READ_BACK_ENDS,       /* the process that loads it ended, or was killed because loading took too long */
     TL_READ_BACK_IS_REFUSED, /* loading the state, or a step after it, failed */
     TL_READ_BACK_IS_OTHER,   /* after loading, the same inputs give other values */
-    TL_READ_BACK_NOT_FOUND   /* a rollback in the saving process already differs or fails, so another process cannot be tested */
-} tl_read_back_finding;
+    TL_READ_BACK_NOT_REPEATABLE /* a rollback in the saving process already differs or fails, so another process cannot be tested */
+} tl_saved_state_outcome;
 
 /* Of one component. */
 typedef struct tl_read_back_component {
-    tl_read_back_finding finding;
+    tl_saved_state_outcome finding;
     char text[TL_READ_BACK_TEXT]; /* the cause: a sentence about the component, without its name; "": none */
 } tl_read_back_component;
 
@@ -50,7 +50,7 @@ typedef struct tl_read_back_report {
 /* Request to the parent: `start_reader` starts another process and returns when that has ended.
  * TL_OK: it ended as expected; else the error says how it ended. */
 typedef struct tl_read_back_host {
-    tl_status (*ask)(void *context, tl_error *error);
+    tl_status (*start_reader)(void *context, tl_error *error);
     void *context;
     void *block; /* TL_READ_BACK_BYTES bytes */
 } tl_read_back_host;
@@ -58,16 +58,16 @@ typedef struct tl_read_back_host {
 /* Runs the test in the FMU process, between two ticks, for a twin that has begun; the twin is
  * unchanged afterwards. If `host` is NULL or the twin cannot save its state, nothing is tested
  * (`is_tried` false). */
-void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *host, tl_read_back_report *report);
+void tl_read_back_run(const tl_assembly *assembly, const tl_read_back_host *host, tl_read_back_report *report);
 
 /* Returns true if a checkpoint of a component with this outcome cannot be used. */
-bool tl_read_back_is_useless(tl_read_back_finding finding);
+bool tl_read_back_prevents_resume(tl_saved_state_outcome finding);
 
 /* Text for a bad outcome, for example "ends the process that loads it". */
-const char *tl_read_back_text(tl_read_back_finding finding);
+const char *tl_read_back_text(tl_saved_state_outcome finding);
 
 /* Runs in the second process, whose twin is built: loads the states and writes the results. Errors:
  * the FMUs could not be initialised. */
-tl_status tl_read_back_answer(const tl_assembly *assembly, void *block, tl_error *error);
+tl_status tl_read_back_run_reader(const tl_assembly *assembly, void *block, tl_error *error);
 
 #endif

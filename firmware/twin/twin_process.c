@@ -399,7 +399,7 @@ static void build_environment(const tl_twin_process *process, environment *made)
     add_variable(made, "HOME", process->folder.path, "");
     add_variable(made, "PYTHONDONTWRITEBYTECODE", "1", "");
     if (home != NULL) {
-        add_variable(made, TL_TWIN_READABLE_HOME, home, "");
+        add_variable(made, TL_READABLE_PATHS_HOME, home, "");
     }
     if (home != NULL && home[0] == '/' && getenv("PYTHONUSERBASE") == NULL) { /* packages of the user */
         add_variable(made, "PYTHONUSERBASE", home, "/.local");

@@ -363,7 +363,7 @@ static tl_status request_reader(void *context, tl_error *error) {
 }
 
 static tl_status run_check(role *self, tl_status built, tl_error *error) {
-    const tl_read_back_host host = {.ask = request_reader, .context = self, .block = self->read_back.bytes};
+    const tl_read_back_host host = {.start_reader = request_reader, .context = self, .block = self->read_back.bytes};
     if (built == TL_OK && is_stopped(self)) {
         return TL_INTERRUPTED;
     }
@@ -390,7 +390,7 @@ static tl_status perform_task(role *self, tl_error *error) {
     tl_status status = TL_OK;
     switch (self->job.task) {
     case TL_TASK_READ:
-        return tl_read_back_answer(&self->assembly, self->read_back.bytes, error);
+        return tl_read_back_run_reader(&self->assembly, self->read_back.bytes, error);
     case TL_TASK_PAIR:
         status = tl_twin_pair_compare(&self->assembly, &self->second, self->job.alone, &self->extra->pair, error);
         return status;

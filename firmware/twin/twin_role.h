@@ -102,7 +102,7 @@ tl_status tl_twin_job_read(const tl_block *block, tl_twin_job *job, tl_error *er
 /* ---- The role. ---- */
 
 /* Prints the page of a check, and logs the problems of the assembly. `status`: result of its build.
- * Returns the status of the whole check. `host` as in tl_read_back_take(). */
+ * Returns the status of the whole check. `host` as in tl_read_back_run(). */
 typedef tl_status tl_twin_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
                                const tl_read_back_host *host, FILE *page, tl_twin_check *found);
 

@@ -112,9 +112,9 @@ static void report_free_run(const tl_assembly *assembly, const tl_twin_result *r
     for (size_t i = 0; i < facts.components && strcmp(entry.name, name) != 0; i++) {
         entry = tl_twin_get_ledger(assembly->twin, i);
     }
-    const char *why = entry.replay.differs   ? "gave other results when steps were repeated"
-                      : entry.replay.is_over ? "was rolled back to more states than can be kept"
-                                             : "has passed the limit of its rollback by replay (\"replay_steps\")";
+    const char *why = entry.replay.differs       ? "gave other results when steps were repeated"
+                      : entry.replay.is_disabled ? "was rolled back to more states than can be kept"
+                                                 : "has passed the limit of its rollback by replay (\"replay_steps\")";
     tl_log(
         TL_LOG_WARNING,
         "from t = %.6g s on the twin runs free, with nominal u: %.40s %s; %llu of its steps were repeated until then",

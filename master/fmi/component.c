@@ -178,8 +178,8 @@ tl_status tl_component_enter_initialization(tl_component *component, double star
 }
 
 tl_status tl_component_exit_initialization(tl_component *component, tl_error *error) {
-    if (component->fmi->know_ports != NULL) {
-        component->fmi->know_ports(component->instance, &component->inputs, &component->outputs);
+    if (component->fmi->announce_ports != NULL) {
+        component->fmi->announce_ports(component->instance, &component->inputs, &component->outputs);
     }
     tl_status status = check_status(component, component->fmi->exit_initialization_mode(component->instance),
                                     "fmi2ExitInitializationMode", error);

@@ -76,17 +76,19 @@ typedef struct tl_fmi2_fallback {
 /* Not part of FMI: rollback by replay. The instance is reset, and its steps are executed again with
  * the same inputs. Zeroed: another method is used, or none. */
 typedef struct tl_fmi2_replay {
-    uint32_t most;  /* limit of the steps from the start to a restored instant; 0: no replay */
-    bool is_over;   /* its inputs could not be recorded (memory, or other ports than announced): no rollback any more */
-    bool differs;   /* the repeated steps gave other outputs: no rollback any more */
-    uint64_t steps; /* number of steps that were executed again */
-    size_t bytes;   /* memory for its inputs */
-    int64_t beginning; /* longest duration of a reset with initialisation so far, ns */
+    uint32_t most; /* limit of the steps from the start to a restored instant; 0: no replay */
+    bool
+        is_disabled; /* its inputs could not be recorded (memory, or other ports than announced): no rollback any more */
+    bool differs;    /* the repeated steps gave other outputs: no rollback any more */
+    uint64_t steps;  /* number of steps that were executed again */
+    size_t bytes;    /* memory for its inputs */
+    int64_t longest_reset; /* longest duration of a reset with initialisation so far, ns */
 } tl_fmi2_replay;
 
 /* Not part of FMI: announces to an instance, before its first step, which ports are set and read in
  * each step. */
-typedef void tl_fmi2_note_ports(fmi2Component instance, const struct tl_ports *inputs, const struct tl_ports *outputs);
+typedef void tl_fmi2_announce_ports(fmi2Component instance, const struct tl_ports *inputs,
+                                    const struct tl_ports *outputs);
 
 /* Not part of FMI: bytes that one more state would need; 0: not known. Does not call the FMU. */
 typedef size_t tl_fmi2_state_size(fmi2Component instance);
@@ -122,9 +124,9 @@ typedef struct tl_fmi2 {
     fmi2DeSerializeFMUstateTYPE *deserialize_fmu_state;        /* optional */
     fmi2GetBooleanStatusTYPE *get_boolean_status;              /* optional */
     fmi2DoStepTYPE *do_step;
-    tl_fmi2_step_reals *step_reals;   /* NULL: the three functions are called one by one */
-    const tl_fmi2_fallback *fallback; /* NULL: there is no other method */
-    tl_fmi2_note_ports *know_ports;   /* NULL: not needed */
+    tl_fmi2_step_reals *step_reals;         /* NULL: the three functions are called one by one */
+    const tl_fmi2_fallback *fallback;       /* NULL: there is no other method */
+    tl_fmi2_announce_ports *announce_ports; /* NULL: not needed */
     tl_fmi2_replay replay;
     bool prefers_copies;                    /* copies of its memory are chosen, also if its own states are faster */
     bool always_final;                      /* rollback by copy or replay: every step is marked as final */

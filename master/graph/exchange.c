@@ -323,7 +323,7 @@ const tl_component *tl_exchange_find_not_restorable(const tl_exchange *exchange,
     for (size_t i = 0; i < exchange->component_count; i++) {
         const tl_fmi2_replay *replay = &exchange->components[i].fmi->replay;
         bool is_far = step - exchange->begun + (int64_t)ahead > (int64_t)replay->most;
-        if (replay->most != 0 && (replay->is_over || replay->differs || is_far)) {
+        if (replay->most != 0 && (replay->is_disabled || replay->differs || is_far)) {
             return &exchange->components[i];
         }
     }

@@ -133,7 +133,7 @@ static uint64_t look(const probe *self) {
 static bool initialise(probe *self, findings *found) {
     self->instance = self->fmi->instantiate("probe", fmi2CoSimulation, self->fmu.model.guid, self->fmu.resources,
                                             &self->fmu.guard.callbacks, fmi2False, fmi2False);
-    if (self->instance != NULL && self->fmi->know_ports != NULL) {
+    if (self->instance != NULL && self->fmi->announce_ports != NULL) {
         self->set = (tl_ports){.real_count = self->input_count, .real_references = self->inputs, .reals = self->starts};
         self->read = (tl_ports){.real_count = self->real_count,
                                 .integer_count = self->integer_count,
@@ -141,7 +141,7 @@ static bool initialise(probe *self, findings *found) {
                                 .real_references = self->reals,
                                 .integer_references = self->integers,
                                 .boolean_references = self->booleans};
-        self->fmi->know_ports(self->instance, &self->set, &self->read);
+        self->fmi->announce_ports(self->instance, &self->set, &self->read);
     }
     if (self->instance == NULL ||
         self->fmi->setup_experiment(self->instance, fmi2False, 0.0, 0.0, fmi2False, 0.0) > fmi2Warning ||

@@ -271,7 +271,7 @@ static void take_first(void) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_activate(&run->versions, number, NULL, &run->error),
                                   run->error.text);
     tl_sha256(text, size, run->active_hash);
-    tl_refusals_open(&run->refusals, &run->versions);
+    tl_refused_changes_open(&run->refusals, &run->versions);
 }
 
 void tl_played_begin_anew(void) {

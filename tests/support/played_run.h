@@ -29,7 +29,7 @@ typedef struct tl_played {
     tl_scratch folder; /* contains the versions */
     char path[PATH_MAX + 32];
     tl_versions versions;
-    tl_refusal_list refusals;
+    tl_refused_changes refusals;
     tl_activation activation;
     tl_error error;
 

@@ -119,7 +119,7 @@ static void test_states_that_another_process_cannot_read(void) {
     states.of[1].finding = TL_READ_BACK_UNKNOWN;
     expect_one("components.motor|signal 11");
     TEST_ASSERT_FALSE(tl_test_has_parts(warnings[0], "record.resume_s"));
-    states.of[1].finding = TL_READ_BACK_NOT_FOUND;
+    states.of[1].finding = TL_READ_BACK_NOT_REPEATABLE;
     expect_none();
     states.of[1].finding = TL_READ_BACK_ENDS;
     states.is_tried = false;

@@ -35,11 +35,11 @@ void setUp(void) {
     TEST_ASSERT_NOT_NULL(getcwd(folder, sizeof folder));
     const struct sigaction action = {.sa_handler = ours};
     TEST_ASSERT_EQUAL_INT(0, tl_host_state_handle(SIGTERM, &action, NULL));
-    tl_host_state_keep();
+    tl_host_state_save();
 }
 
 void tearDown(void) {
-    (void)tl_host_state_put_back();
+    (void)tl_host_state_restore();
 }
 
 static void expect_handler(int signal, void (*handler)(int)) {
@@ -55,7 +55,7 @@ static void expect_folder(const char *expected) {
 }
 
 static void without_a_change_nothing_is_reported(void) {
-    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_restore());
 }
 
 static void each_rounding_mode_is_put_back(void) {
@@ -63,12 +63,12 @@ static void each_rounding_mode_is_put_back(void) {
     static const int modes[] = {FE_UPWARD, FE_DOWNWARD, FE_TOWARDZERO};
     for (size_t i = 0; i < sizeof modes / sizeof modes[0]; i++) {
         TEST_ASSERT_EQUAL_INT(0, fesetround(modes[i]));
-        bool usual = tl_fp_control_holds(&control);
-        unsigned changes = tl_host_state_put_back();
+        bool usual = tl_fp_control_check(&control);
+        unsigned changes = tl_host_state_restore();
         TEST_ASSERT_FALSE(usual);
         TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, changes);
         TEST_ASSERT_EQUAL_INT(FE_TONEAREST, fegetround());
-        TEST_ASSERT_TRUE(tl_fp_control_holds(&control));
+        TEST_ASSERT_TRUE(tl_fp_control_check(&control));
     }
 }
 
@@ -79,22 +79,22 @@ static void flushed_denormals_and_traps_are_put_back(void) {
     const uint64_t control = tl_fp_control_get();
     for (size_t i = 0; i < sizeof bits / sizeof bits[0]; i++) {
         tl_fp_control_set(tl_fp_control_get() | bits[i]);
-        bool usual = tl_fp_control_holds(&control);
-        TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_put_back());
+        bool usual = tl_fp_control_check(&control);
+        TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_restore());
         TEST_ASSERT_FALSE(usual);
         TEST_ASSERT_TRUE(least + least > 0.0);
     }
     tl_fp_control_set(control & ~(uint64_t)0x0200); /* a trap of SSE only: restored, but not reported */
-    TEST_ASSERT_TRUE(tl_fp_control_holds(&control));
+    TEST_ASSERT_TRUE(tl_fp_control_check(&control));
     TEST_ASSERT_EQUAL_HEX64(control, tl_fp_control_get());
     TEST_ASSERT_NOT_EQUAL_INT(-1, feenableexcept(FE_INVALID | FE_DIVBYZERO));
-    TEST_ASSERT_FALSE(tl_fp_control_holds(&control));
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_put_back());
+    TEST_ASSERT_FALSE(tl_fp_control_check(&control));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_restore());
     TEST_ASSERT_EQUAL_INT(0, fegetexcept());
     uint16_t single = 0x007F; /* x87: 24 bits of precision */
     __asm__ volatile("fldcw %0" : : "m"(single));
-    TEST_ASSERT_FALSE(tl_fp_control_holds(&control));
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_put_back());
+    TEST_ASSERT_FALSE(tl_fp_control_check(&control));
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_restore());
     volatile long double third = 1.0L;
     third /= 3.0L;
     TEST_ASSERT_TRUE(third != (long double)(float)third);
@@ -109,13 +109,13 @@ static void locales_of_thread_and_process_are_put_back(void) {
     locale_t changed = newlocale(LC_CTYPE_MASK, "C.UTF-8", other);
     TEST_ASSERT_TRUE(changed != (locale_t)0);
     (void)uselocale(changed);
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_LOCALE, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_LOCALE, tl_host_state_restore());
     TEST_ASSERT_TRUE(uselocale((locale_t)0) == before);
     TEST_ASSERT_NOT_NULL(setlocale(LC_NUMERIC, "C.UTF-8"));
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_LOCALE, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_LOCALE, tl_host_state_restore());
     TEST_ASSERT_EQUAL_STRING(process, setlocale(LC_ALL, NULL));
     TEST_ASSERT_NOT_NULL(setlocale(LC_CTYPE, "C.UTF-8")); /* allowed, because interpreters do so */
-    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_restore());
     TEST_ASSERT_NOT_NULL(setlocale(LC_CTYPE, "C"));
     freelocale(changed);
     free(process);
@@ -126,7 +126,7 @@ static void a_signal_mask_is_put_back(void) {
     sigset_t now;
     (void)sigfillset(&all);
     TEST_ASSERT_EQUAL_INT(0, pthread_sigmask(SIG_BLOCK, &all, NULL));
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_SIGNAL_MASK, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_SIGNAL_MASK, tl_host_state_restore());
     TEST_ASSERT_EQUAL_INT(0, pthread_sigmask(SIG_SETMASK, NULL, &now));
     TEST_ASSERT_EQUAL_INT(0, sigismember(&now, SIGTERM));
 }
@@ -134,16 +134,16 @@ static void a_signal_mask_is_put_back(void) {
 static void handlers_of_ours_are_put_back_and_others_left_alone(void) {
     TEST_ASSERT_TRUE(signal(SIGTERM, SIG_IGN) != SIG_ERR);
     TEST_ASSERT_TRUE(signal(SIGUSR2, theirs) != SIG_ERR);
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_HANDLERS, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_HANDLERS, tl_host_state_restore());
     expect_handler(SIGTERM, ours);
     expect_handler(SIGUSR2, theirs);
-    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_restore());
 }
 
 static void the_newest_handler_of_ours_is_kept(void) {
     const struct sigaction ignore = {.sa_handler = SIG_IGN};
     TEST_ASSERT_EQUAL_INT(0, tl_host_state_handle(SIGTERM, &ignore, NULL));
-    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_restore());
     expect_handler(SIGTERM, SIG_IGN);
     TEST_ASSERT_EQUAL_INT(-1, tl_host_state_handle(SIGKILL, &ignore, NULL));
 }
@@ -152,11 +152,11 @@ static void the_folder_is_put_back_even_if_the_other_one_is_gone(void) {
     char other[] = "/tmp/twinlock-test-XXXXXX";
     TEST_ASSERT_NOT_NULL(mkdtemp(other));
     TEST_ASSERT_EQUAL_INT(0, chdir(other));
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_FOLDER, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_FOLDER, tl_host_state_restore());
     expect_folder(folder);
     TEST_ASSERT_EQUAL_INT(0, chdir(other));
     TEST_ASSERT_EQUAL_INT(0, rmdir(other));
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_FOLDER, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_FOLDER, tl_host_state_restore());
     expect_folder(folder);
 }
 
@@ -169,11 +169,11 @@ static void each_kind_is_put_back_in_its_turn(void) {
     TEST_ASSERT_EQUAL_INT(0, chdir("/"));
     (void)umask(0);
     TEST_ASSERT_EQUAL_INT(0, fesetround(FE_UPWARD));
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_put_back_next() & TL_HOST_ROUNDING);
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_ROUNDING, tl_host_state_restore_part() & TL_HOST_ROUNDING);
     for (int i = 0; i < TL_HOST_STATE_TURNS; i++) {
-        changes |= tl_host_state_put_back_next();
+        changes |= tl_host_state_restore_part();
     }
-    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_restore());
     TEST_ASSERT_EQUAL_UINT(0, changes & TL_HOST_ROUNDING);
     expect_handler(SIGTERM, ours);
     expect_folder(folder);
@@ -182,16 +182,16 @@ static void each_kind_is_put_back_in_its_turn(void) {
 static void the_umask_is_put_back(void) {
     mode_t before = umask(0);
     TEST_ASSERT_NOT_EQUAL_UINT(0, before);
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_UMASK, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_UMASK, tl_host_state_restore());
     TEST_ASSERT_EQUAL_UINT(before, umask(before));
 }
 
 static void the_scheduling_of_the_thread_is_put_back_as_far_as_permitted(void) {
     const struct sched_param idle = {.sched_priority = 0};
     TEST_ASSERT_EQUAL_INT(0, sched_setscheduler(0, SCHED_BATCH, &idle));
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_SCHEDULING, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_SCHEDULING, tl_host_state_restore());
     TEST_ASSERT_EQUAL_INT(SCHED_OTHER, sched_getscheduler(0));
-    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_restore());
 }
 
 static void the_processors_of_the_thread_are_put_back(void) {
@@ -209,18 +209,18 @@ static void the_processors_of_the_thread_are_put_back(void) {
     CPU_ZERO(&one);
     CPU_SET(processor, &one);
     TEST_ASSERT_EQUAL_INT(0, sched_setaffinity(0, sizeof one, &one));
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_PROCESSORS, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_PROCESSORS, tl_host_state_restore());
     TEST_ASSERT_EQUAL_INT(0, sched_getaffinity(0, sizeof now, &now));
     TEST_ASSERT_TRUE(CPU_EQUAL(&before, &now));
-    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_restore());
 }
 
 static void the_timer_slack_is_put_back(void) {
     int before = prctl(PR_GET_TIMERSLACK);
     TEST_ASSERT_EQUAL_INT(0, prctl(PR_SET_TIMERSLACK, (unsigned long)before + 1000000));
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_TIMER_SLACK, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_TIMER_SLACK, tl_host_state_restore());
     TEST_ASSERT_EQUAL_INT(before, prctl(PR_GET_TIMERSLACK));
-    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_restore());
 }
 
 static void set_limit(int resource, rlim_t soft, rlim_t hard) {
@@ -239,9 +239,9 @@ static void a_soft_limit_is_put_back(void) {
     struct rlimit before;
     TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_NOFILE, &before));
     set_limit(RLIMIT_NOFILE, 10, before.rlim_max);
-    TEST_ASSERT_EQUAL_UINT(TL_HOST_LIMITS, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(TL_HOST_LIMITS, tl_host_state_restore());
     expect_limit(RLIMIT_NOFILE, before.rlim_cur, before.rlim_max);
-    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_put_back());
+    TEST_ASSERT_EQUAL_UINT(0, tl_host_state_restore());
 }
 
 /* In a process without privileges. The soft limit follows the hard one, and this is reported once.
@@ -251,11 +251,11 @@ static void a_hard_limit_is_put_back_as_far_as_permitted(void) {
     pid_t child = fork();
     if (child == 0) {
         set_limit(RLIMIT_CORE, 0, 4096);
-        tl_host_state_keep();
+        tl_host_state_save();
         set_limit(RLIMIT_CORE, 0, 1024);
         bool drops = geteuid() != 0 || setresuid(65534, 65534, 65534) == 0;
-        unsigned first = tl_host_state_put_back();
-        unsigned second = tl_host_state_put_back();
+        unsigned first = tl_host_state_restore();
+        unsigned second = tl_host_state_restore();
         expect_limit(RLIMIT_CORE, 0, 1024);
         _exit(drops && first == TL_HOST_LIMITS && second == 0 ? 0 : 1);
     }
@@ -268,7 +268,7 @@ static void several_changes_are_described_together(void) {
     (void)umask(umask(0) ^ 0007);
     TEST_ASSERT_EQUAL_INT(0, chdir("/"));
     TEST_ASSERT_EQUAL_INT(0, fesetround(FE_UPWARD));
-    tl_host_state_describe(tl_host_state_put_back(), text);
+    tl_host_state_describe(tl_host_state_restore(), text);
     TL_EXPECT_PARTS("floating-point|folder|umask", text);
     TEST_ASSERT_FALSE(tl_test_has_parts(text, "locale") || tl_test_has_parts(text, "signal"));
     tl_host_state_describe(TL_HOST_HANDLERS, text);

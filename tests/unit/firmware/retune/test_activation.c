@@ -161,7 +161,7 @@ static void test_a_failure_of_the_twin(void) {
     tl_played_poll_until(tl_played_is_quiet);
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.active);
     TEST_ASSERT_EQUAL_STRING(tl_versions_get(&run->versions, 1)->hash, run->active_hash);
-    TEST_ASSERT_EQUAL_INT(TL_VERSION_RETURNED, tl_versions_get(&run->versions, 2)->result);
+    TEST_ASSERT_EQUAL_INT(TL_VERSION_ROLLED_BACK, tl_versions_get(&run->versions, 2)->result);
 }
 
 static void test_what_takes_a_restart(void) {
@@ -373,7 +373,7 @@ static void test_what_it_is_judged_by(void) {
     keep();
     TEST_ASSERT_FALSE(tl_activation_was_lost_before(&run->activation));
     tl_activation_poll(&run->activation);
-    TEST_ASSERT_FALSE(tl_lock_tolerances_is_there(&run->tolerances));
+    TEST_ASSERT_FALSE(tl_lock_tolerances_have_weight(&run->tolerances));
 }
 
 /* The right to retune cannot ask for a probation that is too short to judge the lock. */

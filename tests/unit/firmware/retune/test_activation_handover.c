@@ -158,7 +158,7 @@ static void test_a_handover_back(void) {
     TEST_ASSERT_EQUAL_STRING(before, run->active_hash);
     TEST_ASSERT_EQUAL_STRING("", run->other);
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.active);
-    TEST_ASSERT_EQUAL_INT(TL_VERSION_RETURNED, tl_versions_get(&run->versions, 2)->result);
+    TEST_ASSERT_EQUAL_INT(TL_VERSION_ROLLED_BACK, tl_versions_get(&run->versions, 2)->result);
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_RETURNED, "twin|failed"));
     TEST_ASSERT_TRUE(tl_activation_is_idle(&run->activation));
 }

@@ -67,7 +67,7 @@ static void test_too_little_lock(void) {
     now.lock.state = TL_LOCK_DEGRADED;
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(17.4));
     now.lock.state = TL_LOCK_LOCKED;
-    expect_end(42.6, TL_PROBATION_RETURN, "lock|71 %|95 %");
+    expect_end(42.6, TL_PROBATION_ROLLED_BACK, "lock|71 %|95 %");
 }
 
 /* Steps before the probation do not count. */
@@ -87,7 +87,7 @@ static void test_no_lock_is_asked(void) {
 static void test_no_step_was_judged(void) {
     const tl_probation_terms terms = {10, 50.0, false};
     tl_probation_begin(&probation, &terms, &now, &now);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, tl_probation_feed(&probation, 10 * TL_SECOND, &now));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, tl_probation_feed(&probation, 10 * TL_SECOND, &now));
     TL_EXPECT_PARTS("too short|lock", probation.why);
 }
 
@@ -114,13 +114,13 @@ static void test_result_that_could_not_be_written(void) {
 
 static void test_nobody_confirmed(void) {
     begin(10, 95.0, true);
-    expect_end(10, TL_PROBATION_RETURN, "confirmed");
+    expect_end(10, TL_PROBATION_ROLLED_BACK, "confirmed");
 }
 
 static void test_twin_that_does_not_run_at_the_end(void) {
     begin(10, 0.0, false);
     now.twin_alive = false;
-    expect_end(10, TL_PROBATION_RETURN, "twin");
+    expect_end(10, TL_PROBATION_ROLLED_BACK, "twin");
 }
 
 /* ---- sources of the plant ---- */
@@ -128,16 +128,16 @@ static void test_twin_that_does_not_run_at_the_end(void) {
 static void test_sources_that_cannot_be_opened(void) {
     begin(60, 0.0, false);
     now.plant_is_shut = true;
-    expect_end(10, TL_PROBATION_RETURN, "plant|10 s|sources");
+    expect_end(10, TL_PROBATION_ROLLED_BACK, "plant|10 s|sources");
     now.lock.state = TL_LOCK_LOCKED;
     begin(5, 0.0, false);
-    expect_end(5, TL_PROBATION_RETURN, "plant|sources");
+    expect_end(5, TL_PROBATION_ROLLED_BACK, "plant|sources");
 }
 
 static void test_a_device_that_does_not_answer(void) {
     begin(60, 95.0, false);
     now.lock.state = TL_LOCK_FREE;
-    expect_end(60, TL_PROBATION_RETURN, "lock|0 %|95 %");
+    expect_end(60, TL_PROBATION_ROLLED_BACK, "lock|0 %|95 %");
     begin(60, 0.0, false); /* no lock is required */
     expect_end(60, TL_PROBATION_KEPT, "failure");
 }
@@ -148,7 +148,7 @@ static void test_a_device_that_does_not_answer_with_an_event_horizon(void) {
     tl_probation_begin(&probation, &terms, &now, &now);
     now.ticks += 1000;
     now.steps += 1000;
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, tl_probation_feed(&probation, 10 * TL_SECOND, &now));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, tl_probation_feed(&probation, 10 * TL_SECOND, &now));
     TL_EXPECT_PARTS("signal|lock", probation.why);
 }
 
@@ -160,17 +160,17 @@ static void test_confirmed(void) {
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_KEPT,
                           tl_probation_decide(&probation, TL_PROBATION_KEPT, "anna has confirmed it"));
     TEST_ASSERT_EQUAL_STRING("anna has confirmed it", probation.why);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_KEPT, tl_probation_decide(&probation, TL_PROBATION_RETURN, "too late"));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_KEPT, tl_probation_decide(&probation, TL_PROBATION_ROLLED_BACK, "too late"));
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_KEPT, pass_seconds(20));
     TEST_ASSERT_EQUAL_STRING("anna has confirmed it", probation.why);
 }
 
 static void test_refused(void) {
     begin(10, 0.0, false);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN,
-                          tl_probation_decide(&probation, TL_PROBATION_RETURN, "anna wants it back"));
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, tl_probation_decide(&probation, TL_PROBATION_KEPT, "ben"));
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_seconds(20));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK,
+                          tl_probation_decide(&probation, TL_PROBATION_ROLLED_BACK, "anna wants it back"));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, tl_probation_decide(&probation, TL_PROBATION_KEPT, "ben"));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, pass_seconds(20));
     TEST_ASSERT_EQUAL_STRING("anna wants it back", probation.why);
 }
 
@@ -181,7 +181,7 @@ static void test_twin_that_fails(void) {
     begin(60, 0.0, true);
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(5));
     now.twin_failures = 8;
-    expect_end(0.1, TL_PROBATION_RETURN, "twin|failed");
+    expect_end(0.1, TL_PROBATION_ROLLED_BACK, "twin|failed");
 }
 
 static void test_reason_of_the_failure(void) {
@@ -189,7 +189,7 @@ static void test_reason_of_the_failure(void) {
     now.twin_failures = 1;
     memset(now.failure, 'x', sizeof now.failure);
     memcpy(now.failure, "it hung ", 8);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_seconds(0.1));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, pass_seconds(0.1));
     TL_EXPECT_PARTS("twin|failed", probation.why);
     const char *failure = strstr(probation.why, "it hung xx"); /* complete */
     TEST_ASSERT_NOT_NULL_MESSAGE(failure, probation.why);
@@ -202,14 +202,14 @@ static void test_another_run_that_fails(void) {
     now.twin_failures = 0;
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(5));
     now.twin_failures = 1;
-    expect_end(0.1, TL_PROBATION_RETURN, "twin|failed");
+    expect_end(0.1, TL_PROBATION_ROLLED_BACK, "twin|failed");
 }
 
 static void test_twin_that_does_not_run(void) {
     begin(600, 0.0, false);
     now.twin_alive = false;
     now.lock.state = TL_LOCK_LOST; /* its last state */
-    expect_end(30.1, TL_PROBATION_RETURN, "twin|30 s");
+    expect_end(30.1, TL_PROBATION_ROLLED_BACK, "twin|30 s");
 }
 
 static void test_twin_that_runs_late(void) {
@@ -238,14 +238,14 @@ static void test_missed_deadlines(void) {
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, miss(1, 1));
     now.ticks += 4;
     now.skipped += 4;
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, miss(2, 1));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, miss(2, 1));
     TL_EXPECT_PARTS("3|4|deadlines|75 %|0 %|4 ticks", probation.why);
 }
 
 static void test_one_percent_is_no_more_than_that(void) {
     begin(600, 0.0, true);
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, miss(1000, 10));
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, miss(1, 1));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, miss(1, 1));
 }
 
 static void test_one_that_missed_before(void) {
@@ -253,7 +253,7 @@ static void test_one_that_missed_before(void) {
     now.deadline_misses = 200;
     begin(600, 0.0, true);
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, miss(1000, 60)); /* three times the share before */
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, miss(10, 2));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, miss(10, 2));
     TL_EXPECT_PARTS("62|1010|deadlines|6.14 %|2 %|0 ticks", probation.why);
 }
 
@@ -262,7 +262,7 @@ static void test_a_gap_hides_no_misses(void) {
     begin(600, 0.0, true);
     now.ticks += 6000;
     now.skipped += 6000;
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, miss(100, 3));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, miss(100, 3));
 }
 
 static void test_another_run_begins_at_0(void) {
@@ -280,7 +280,7 @@ static void test_another_run_begins_at_0(void) {
     now.deadline_misses = 3;
     now.lock.steps[TL_LOCK_FREE] = 0;
     now.lock.steps[TL_LOCK_LOCKED] = 15;
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, tl_probation_feed(&probation, TL_SECOND, &now));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, tl_probation_feed(&probation, TL_SECOND, &now));
     TEST_ASSERT_EQUAL_UINT64(5, probation.account.misses);
     TEST_ASSERT_EQUAL_UINT64(35, probation.account.steps);
     TEST_ASSERT_EQUAL_UINT64(20, probation.account.lock.steps[TL_LOCK_FREE]);
@@ -293,7 +293,7 @@ static void test_lost_lock(void) {
     begin(600, 0.0, true);
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(20));
     now.lock.state = TL_LOCK_LOST;
-    expect_end(2.1, TL_PROBATION_RETURN, "lost|2.0 s");
+    expect_end(2.1, TL_PROBATION_ROLLED_BACK, "lost|2.0 s");
 }
 
 /* Time passes in lock by its own tolerances, and in this state by those of the version before. */
@@ -318,8 +318,8 @@ static void test_lost_by_the_tolerances_before(void) {
     begin_wider(600, 0.0, false);
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_before(TL_LOCK_LOCKED, 20));
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_before(TL_LOCK_LOST, 2));
-    TEST_ASSERT_TRUE(tl_probation_was_lost_before(&probation));
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_before(TL_LOCK_LOST, 0.1));
+    TEST_ASSERT_TRUE(tl_probation_is_lost_by_previous(&probation));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, pass_before(TL_LOCK_LOST, 0.1));
     TL_EXPECT_PARTS("tolerances|lost|2.0 s|motor.omega|1 → 3", probation.why);
 }
 
@@ -327,14 +327,14 @@ static void test_lost_by_the_tolerances_before(void) {
 static void test_lost_before_when_a_short_one_ends(void) {
     begin_wider(1, 0.0, false);
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_before(TL_LOCK_LOST, 0.9));
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_before(TL_LOCK_LOST, 0.1));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, pass_before(TL_LOCK_LOST, 0.1));
     TL_EXPECT_PARTS("tolerances|lost|motor.omega|1 → 3", probation.why);
 }
 
 static void test_too_little_lock_by_the_tolerances_before(void) {
     begin_wider(10, 95.0, false);
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_before(TL_LOCK_LOST, 1));
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_before(TL_LOCK_LOCKED, 9));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, pass_before(TL_LOCK_LOCKED, 9));
     TL_EXPECT_PARTS("tolerances|lock|90 %|95 %|motor.omega|1 → 3", probation.why);
 }
 
@@ -342,8 +342,8 @@ static void test_too_little_lock_by_the_tolerances_before(void) {
 static void test_lost_before_until_it_is_confirmed(void) {
     begin_wider(600, 95.0, true);
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_before(TL_LOCK_LOST, 500));
-    TEST_ASSERT_TRUE(tl_probation_was_lost_before(&probation));
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_before(TL_LOCK_LOST, 100));
+    TEST_ASSERT_TRUE(tl_probation_is_lost_by_previous(&probation));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, pass_before(TL_LOCK_LOST, 100));
     TL_EXPECT_PARTS("confirmed", probation.why);
 }
 
@@ -362,13 +362,13 @@ static void test_lost_with_breaks(void) {
 static void test_grace(void) {
     now.lock.state = TL_LOCK_LOST;
     begin(600, 0.0, true);
-    expect_end(12, TL_PROBATION_RETURN, "lost|2.0 s");
+    expect_end(12, TL_PROBATION_ROLLED_BACK, "lost|2.0 s");
 }
 
 static void test_grace_of_a_short_one(void) {
     now.lock.state = TL_LOCK_LOST;
     begin(6, 0.0, true);
-    expect_end(5, TL_PROBATION_RETURN, "lost|2.0 s");
+    expect_end(5, TL_PROBATION_ROLLED_BACK, "lost|2.0 s");
 }
 
 /* A single poll does not prove a loss, also if the last poll was long ago. */
@@ -377,7 +377,7 @@ static void test_one_poll(void) {
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, pass_seconds(20));
     now.lock.state = TL_LOCK_LOST;
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_CONTINUES, tl_probation_feed(&probation, 5 * TL_SECOND, &now));
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, tl_probation_feed(&probation, 5 * TL_SECOND, &now));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_ROLLED_BACK, tl_probation_feed(&probation, 5 * TL_SECOND, &now));
 }
 
 /* ---- resumption ---- */
@@ -405,7 +405,7 @@ static void test_grace_again(void) {
     const tl_probation_account account = probation.account;
     now.lock.state = TL_LOCK_LOST;
     tl_probation_resume(&probation, &account);
-    expect_end(12, TL_PROBATION_RETURN, "lost|2.0 s");
+    expect_end(12, TL_PROBATION_ROLLED_BACK, "lost|2.0 s");
 }
 
 static void test_an_invalid_account(void) {
@@ -413,7 +413,7 @@ static void test_an_invalid_account(void) {
     tl_probation_resume(&probation, &account);
     TEST_ASSERT_EQUAL_UINT64(1000, probation.account.left_ms);
     TEST_ASSERT_EQUAL_DOUBLE(100.0, probation.account.terms.require_lock);
-    expect_end(1, TL_PROBATION_RETURN, "confirmed");
+    expect_end(1, TL_PROBATION_ROLLED_BACK, "confirmed");
     const tl_probation_account long_one = {.terms = {UINT32_MAX, -5.0, true}, .left_ms = UINT64_MAX};
     tl_probation_resume(&probation, &long_one);
     TEST_ASSERT_EQUAL_UINT64(1000 * (uint64_t)TL_PROBATION_LONGEST_S, probation.account.left_ms);

@@ -11,14 +11,14 @@
 
 static tl_scratch scratch;
 static tl_versions versions;
-static tl_refusal_list refusals;
+static tl_refused_changes refusals;
 static tl_error error;
 
 void setUp(void) {
     tl_scratch_empty(&scratch);
     versions = (tl_versions){.count = 0};
     (void)snprintf(versions.folder, sizeof versions.folder, "%s", scratch.folder);
-    tl_refusals_open(&refusals, &versions);
+    tl_refused_changes_open(&refusals, &versions);
 }
 
 void tearDown(void) {}
@@ -30,7 +30,7 @@ static tl_status add(const char *who, const char *reason) {
     candidate.origin = TL_ORIGIN_LIMITED;
     (void)snprintf(candidate.who, sizeof candidate.who, "%s", who);
     (void)snprintf(candidate.why, sizeof candidate.why, "a new seal");
-    return tl_refusals_add(&refusals, &candidate, "refused", reason, &error);
+    return tl_refused_changes_add(&refusals, &candidate, "refused", reason, &error);
 }
 
 static void test_there_is_none(void) {
@@ -48,21 +48,21 @@ static void test_one(void) {
         TEST_ASSERT_NULL(strchr(refusals.list[0].who, '\033'));
         TEST_ASSERT_EQUAL_STRING("a new seal", refusals.list[0].why);
         TEST_ASSERT_NOT_EQUAL_INT(0, refusals.list[0].at[0]);
-        tl_refusals_open(&refusals, &versions);
+        tl_refused_changes_open(&refusals, &versions);
     }
 }
 
 static void test_only_the_newest(void) {
     char reason[32];
-    for (int i = 1; i <= TL_REFUSALS_MOST + 7; i++) {
+    for (int i = 1; i <= TL_REFUSED_CHANGES_MOST + 7; i++) {
         (void)snprintf(reason, sizeof reason, "problem %d", i);
         TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, add("ann", reason), error.text);
     }
     for (int i = 0; i < 2; i++) {
-        TEST_ASSERT_EQUAL_size_t(TL_REFUSALS_MOST, refusals.count);
+        TEST_ASSERT_EQUAL_size_t(TL_REFUSED_CHANGES_MOST, refusals.count);
         TEST_ASSERT_EQUAL_STRING("refused: problem 8", refusals.list[0].result);
-        TEST_ASSERT_EQUAL_STRING("refused: problem 27", refusals.list[TL_REFUSALS_MOST - 1].result);
-        tl_refusals_open(&refusals, &versions);
+        TEST_ASSERT_EQUAL_STRING("refused: problem 27", refusals.list[TL_REFUSED_CHANGES_MOST - 1].result);
+        tl_refused_changes_open(&refusals, &versions);
     }
 }
 
@@ -85,7 +85,7 @@ static void test_what_is_damaged(void) {
     write_file("refused-19.json",
                "{\"number\": 5, \"hash\": \"\", \"origin\": \"\", \"result\": \"\", \"who\": \"\", \"why\": \"\","
                " \"reason\": \"\", \"at\": \"\"}"); /* number and name differ */
-    tl_refusals_open(&refusals, &versions);
+    tl_refused_changes_open(&refusals, &versions);
     TEST_ASSERT_EQUAL_size_t(2, refusals.count);
     TEST_ASSERT_EQUAL_UINT64(3, refusals.list[0].version);
     TEST_ASSERT_EQUAL_UINT64(4, refusals.list[1].version);

@@ -156,7 +156,7 @@ static void test_the_first_one(void) {
     TEST_ASSERT_EQUAL_size_t(64, strlen(one->hash));
     TEST_ASSERT_EQUAL_size_t(24, strlen(one->at));
     TEST_ASSERT_GREATER_THAN_UINT64(0, one->boottime_ms);
-    TEST_ASSERT_EQUAL_STRING(one->hash, versions.taken);
+    TEST_ASSERT_EQUAL_STRING(one->hash, versions.file_hash);
     expect_result(1, TL_VERSION_ACTIVE, "");
     expect_text(1, "one");
     expect_choice("one", "one", 1, false);
@@ -224,7 +224,7 @@ static void test_the_version_that_was_commissioned_last(void) {
     TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
     activate(add_of("on probation", TL_ORIGIN_HAND), true);
     TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "lost", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_ROLLED_BACK, "lost", &error));
     for (int i = 0; i < 2 * TL_VERSIONS_MOST; i++) {
         (void)snprintf(text, sizeof text, "by retune %d", i);
         keep(add(text));
@@ -256,8 +256,8 @@ static void test_kept(void) {
 static void test_returned(void) {
     begin();
     activate(add("two"), true);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "not confirmed", &error));
-    expect_after(1, TL_VERSION_RETURNED, "not confirmed");
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_ROLLED_BACK, "not confirmed", &error));
+    expect_after(1, TL_VERSION_ROLLED_BACK, "not confirmed");
     expect_choice("one", "one", 1, false);
 }
 
@@ -265,7 +265,7 @@ static void test_no_probation_is_under_way(void) {
     begin();
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_end_probation(&versions, TL_VERSION_KEPT, "", &error));
     TL_EXPECT_PARTS("version|probation", error.text);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "", &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_end_probation(&versions, TL_VERSION_ROLLED_BACK, "", &error));
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_save_probation(&versions, &account, &error));
     TEST_ASSERT_EQUAL_UINT64(1, versions.active);
     expect_result(1, TL_VERSION_ACTIVE, "");
@@ -278,12 +278,12 @@ static void test_replaced_by_another(void) {
     activate(add("three"), true);
     TEST_ASSERT_EQUAL_UINT64(1, versions.probation.return_to);
     TEST_ASSERT_EQUAL_UINT64(2, tl_versions_get(&versions, 3)->parent);
-    expect_reason(2, TL_VERSION_RETURNED, "version 3");
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "lost", &error));
+    expect_reason(2, TL_VERSION_ROLLED_BACK, "version 3");
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_ROLLED_BACK, "lost", &error));
     TEST_ASSERT_EQUAL_UINT64(1, versions.active);
     open_here();
-    expect_reason(2, TL_VERSION_RETURNED, "version 3");
-    expect_result(3, TL_VERSION_RETURNED, "lost");
+    expect_reason(2, TL_VERSION_ROLLED_BACK, "version 3");
+    expect_result(3, TL_VERSION_ROLLED_BACK, "lost");
 }
 
 static void test_version_to_return_to_needs_no_probation(void) {
@@ -295,21 +295,21 @@ static void test_version_to_return_to_needs_no_probation(void) {
     open_here();
     TEST_ASSERT_EQUAL_UINT64(0, versions.probation.version);
     expect_result(1, TL_VERSION_ACTIVE, "");
-    expect_reason(2, TL_VERSION_RETURNED, "version 1");
+    expect_reason(2, TL_VERSION_ROLLED_BACK, "version 1");
 }
 
 /* A version that was returned is activated again. */
 static void test_activated_again(void) {
     begin();
     activate(add("two"), true);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "lost", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_ROLLED_BACK, "lost", &error));
     activate(2, true);
     for (int i = 0; i < 2; i++) {
         expect_result(2, TL_VERSION_PROBATION, "");
         TEST_ASSERT_EQUAL_UINT64(1, versions.probation.return_to);
         open_here();
     }
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "lost again", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_ROLLED_BACK, "lost again", &error));
     activate(2, false);
     for (int i = 0; i < 2; i++) {
         expect_result(2, TL_VERSION_ACTIVE, "");
@@ -328,7 +328,7 @@ static void test_refused(void) {
         open_here();
     }
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_refuse(&versions, add("three"), "", &error));
-    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&versions, 2)->hash, versions.taken);
+    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&versions, 2)->hash, versions.file_hash);
 }
 
 static void test_escaped_texts(void) {
@@ -352,13 +352,14 @@ static void test_escaped_reasons(void) {
     }
     begin();
     activate(add("two"), true);
-    TEST_ASSERT_EQUAL_INT(TL_OK,
-                          tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "fmi2DoStep said \xC3\n", &error));
+    TEST_ASSERT_EQUAL_INT(
+        TL_OK, tl_versions_end_probation(&versions, TL_VERSION_ROLLED_BACK, "fmi2DoStep said \xC3\n", &error));
     open_here();
-    expect_result(2, TL_VERSION_RETURNED, "fmi2DoStep said \\xC3\\x0A");
+    expect_result(2, TL_VERSION_ROLLED_BACK, "fmi2DoStep said \\xC3\\x0A");
     for (size_t cut = 0; cut < 2; cut++) {
         activate(2, true);
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, reason + cut, &error));
+        TEST_ASSERT_EQUAL_INT(TL_OK,
+                              tl_versions_end_probation(&versions, TL_VERSION_ROLLED_BACK, reason + cut, &error));
         open_here();
         TEST_ASSERT_EQUAL_UINT64(1, versions.active);
         TEST_ASSERT_GREATER_THAN_size_t(TL_VERSION_WHY - 8, strlen(tl_versions_get(&versions, 2)->reason));
@@ -603,7 +604,7 @@ static void test_damaged_active(void) {
         TL_EXPECT_PARTS("/active.json|damaged|2", said);
         free(said);
         TEST_ASSERT_EQUAL_UINT64(2, versions.active);
-        expect_reason(3, TL_VERSION_RETURNED, "known");
+        expect_reason(3, TL_VERSION_ROLLED_BACK, "known");
         expect_choice("one", "two", 2, false); /* unchanged file */
         expect_choice("new", "new", 0, true);
     }
@@ -668,7 +669,7 @@ static void test_an_edited_file(void) {
     expect_choice("one", "two", 2, false);
     expect_choice_said("edited", "edited", 0, true, "configuration|file|changed");
     activate(add_of("edited", TL_ORIGIN_START), true);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "lost", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_end_probation(&versions, TL_VERSION_ROLLED_BACK, "lost", &error));
     open_here();
     expect_choice("edited", "two", 2, false); /* not tried again */
     expect_choice("one", "one", 0, true);     /* changed again */
@@ -680,7 +681,7 @@ static void test_a_file_that_follows(void) {
     begin();
     activate(add("two"), false);
     expect_choice("two", "two", 2, false);
-    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&versions, 2)->hash, versions.taken);
+    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&versions, 2)->hash, versions.file_hash);
     activate(add("three"), false);
     open_here();
     expect_choice("two", "three", 3, false);
@@ -760,7 +761,7 @@ static void test_a_full_disk(void) {
     expect_as_before(tl_versions_refuse(&versions, 3, "bad", &error));
     expect_as_before(tl_versions_save_probation(&versions, &account, &error));
     expect_as_before(tl_versions_end_probation(&versions, TL_VERSION_KEPT, "", &error));
-    expect_as_before(tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "", &error));
+    expect_as_before(tl_versions_end_probation(&versions, TL_VERSION_ROLLED_BACK, "", &error));
     expect_choice("edited", "edited", 0, true); /* a run can start */
     expect_choice("one", "two", 2, false);
     empty_disk();

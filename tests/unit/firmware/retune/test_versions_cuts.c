@@ -117,7 +117,7 @@ static void sync_file(ino_t inode) {
 static void describe(const tl_versions *found, char text[STATE]) {
     const tl_version_probation *probation = &found->probation;
     int length =
-        snprintf(text, STATE, "active %d, taken %.6s, probation %d to %d, %d ms;", (int)found->active, found->taken,
+        snprintf(text, STATE, "active %d, taken %.6s, probation %d to %d, %d ms;", (int)found->active, found->file_hash,
                  (int)probation->version, (int)probation->return_to, (int)probation->account.left_ms);
     for (size_t i = 0; i < found->count && length < STATE; i++) {
         const tl_version *version = &found->list[i];
@@ -279,7 +279,7 @@ static tl_status activate_three(void) {
 }
 
 static tl_status give_back(void) {
-    return tl_versions_end_probation(&versions, TL_VERSION_RETURNED, "lost", &error);
+    return tl_versions_end_probation(&versions, TL_VERSION_ROLLED_BACK, "lost", &error);
 }
 
 static tl_status add_same(void) {

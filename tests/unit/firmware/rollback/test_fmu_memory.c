@@ -192,7 +192,7 @@ static void test_memory_with_the_same_bits(void) {
         TEST_ASSERT_FALSE(tl_fmu_memory_is_same(memory, state));
         block[size - 1] ^= 1;
         TEST_ASSERT_TRUE(tl_fmu_memory_is_same(memory, state));
-        unsigned char *data = memory->places.place[0].begin;
+        unsigned char *data = memory->regions.place[0].begin;
         data[0] ^= 1;
         TEST_ASSERT_FALSE(tl_fmu_memory_is_same(memory, state));
         data[0] ^= 1;
@@ -363,11 +363,11 @@ static void test_a_library_that_is_opened_late(void) {
     void *before = NULL;
     void *after = NULL;
     save(&before);
-    size_t known = memory->places.count;
+    size_t known = memory->regions.count;
     TEST_ASSERT_NOT_NULL(open_late_library("late.so", true));
-    TEST_ASSERT_GREATER_THAN_UINT64(known, memory->places.count);
+    TEST_ASSERT_GREATER_THAN_UINT64(known, memory->regions.count);
     TEST_ASSERT_TRUE(tl_fmu_memory_has_new_library(memory, before));
-    unsigned char *data = memory->places.place[known].begin;
+    unsigned char *data = memory->regions.place[known].begin;
     unsigned char first = data[0];
     data[0]++;
     save(&after);
@@ -395,14 +395,14 @@ static void test_a_library_that_is_opened_and_closed(void) {
     void *before = NULL;
     void *inside = NULL;
     save(&before);
-    size_t known = memory->places.count;
+    size_t known = memory->regions.count;
     for (int round = 0; round < 3; round++) {
         void *library = open_late_library("closed.so", true);
-        TEST_ASSERT_GREATER_THAN_UINT64(known, memory->places.count);
+        TEST_ASSERT_GREATER_THAN_UINT64(known, memory->regions.count);
         TEST_ASSERT_TRUE(inside == NULL || tl_fmu_memory_obstacle(memory, inside) != NULL);
         save(&inside);
         close_library(library);
-        TEST_ASSERT_EQUAL_UINT64(known, memory->places.count);
+        TEST_ASSERT_EQUAL_UINT64(known, memory->regions.count);
         TL_EXPECT_PARTS("closed|library", tl_fmu_memory_obstacle(memory, inside));
         TEST_ASSERT_NULL(tl_fmu_memory_obstacle(memory, before));
         tl_fmu_memory_restore(memory, before);
@@ -540,7 +540,7 @@ static void test_a_descriptor_that_is_opened_late(void) {
                  {open_second_copy, close},
                  {open_copy_without_inheritance, close}};
     tl_fmu_memory *memory = fmu.guard.memory;
-    while (memory->watched > 0) {
+    while (memory->calls_to_check > 0) {
         tl_fmu_memory_enter(memory);
         tl_fmu_memory_leave(memory);
     }
@@ -549,13 +549,13 @@ static void test_a_descriptor_that_is_opened_late(void) {
         int closed = kinds[i].close(kinds[i].open());
         tl_fmu_memory_leave(memory);
         TEST_ASSERT_EQUAL_INT(0, closed);
-        TEST_ASSERT_NULL(tl_fmu_memory_remaining(memory));
+        TEST_ASSERT_NULL(tl_fmu_memory_side_effect(memory));
         tl_fmu_memory_enter(memory);
         int descriptor = kinds[i].open();
         tl_fmu_memory_leave(memory);
         expect_left("file|socket");
         TEST_ASSERT_EQUAL_INT(0, kinds[i].close(descriptor));
-        memory->left[0] = '\0';
+        memory->side_effect[0] = '\0';
     }
     TEST_ASSERT_FALSE(memory->heap->writes_files);
 }
@@ -564,7 +564,7 @@ static void test_a_descriptor_that_is_opened_late(void) {
 static void test_a_file_that_is_written(void) {
     tl_fmu_memory *memory = fmu.guard.memory;
     void *state = NULL;
-    memory->watched = 0;
+    memory->calls_to_check = 0;
     tl_fmu_memory_enter(memory);
     int file = open("/tmp", O_TMPFILE | O_WRONLY | O_CLOEXEC, 0600);
     tl_fmu_memory_leave(memory);
@@ -608,7 +608,7 @@ static void test_a_log_that_stays_open(void) {
     void *before = NULL;
     void *inside = NULL;
     TEST_ASSERT_EQUAL_INT(0, close(mkstemp(path)));
-    memory->watched = 0;
+    memory->calls_to_check = 0;
     save(&before);
     FILE *log = open_in_call(path, "a", "1\n");
     for (int i = 0; i < 3; i++) {
@@ -634,7 +634,7 @@ static void test_a_log_that_stays_open(void) {
     FILE *again = open_in_call(path, "a", "5\n"); /* another file */
     TEST_ASSERT_TRUE(again != log);
     expect_content(path, "5\n");
-    TEST_ASSERT_NULL(tl_fmu_memory_remaining(memory));
+    TEST_ASSERT_NULL(tl_fmu_memory_side_effect(memory));
     tl_fmu_memory_forget(before);
     tl_fmu_memory_forget(inside);
     TEST_ASSERT_EQUAL_INT(0, unlink(path));
@@ -643,9 +643,9 @@ static void test_a_log_that_stays_open(void) {
 /* Then one that stays open is no longer covered. */
 static void test_more_logs_than_are_noted(void) {
     FILE *logs[TL_FMU_HEAP_LOGS + 1];
-    fmu.guard.memory->watched = 0;
+    fmu.guard.memory->calls_to_check = 0;
     for (int i = 0; i <= TL_FMU_HEAP_LOGS; i++) {
-        TEST_ASSERT_NULL(tl_fmu_memory_remaining(fmu.guard.memory));
+        TEST_ASSERT_NULL(tl_fmu_memory_side_effect(fmu.guard.memory));
         logs[i] = open_in_call("/dev/null", "w", "");
     }
     expect_left("open file");
@@ -657,14 +657,14 @@ static void test_more_logs_than_are_noted(void) {
 /* The descriptor of a log may have been that of a file that the call has closed. */
 static void test_a_log_with_the_number_of_a_closed_file(void) {
     tl_fmu_memory *memory = fmu.guard.memory;
-    memory->watched = 0;
+    memory->calls_to_check = 0;
     tl_fmu_memory_enter(memory);
     int first = open("/dev/null", O_RDONLY | O_CLOEXEC);
     (void)close(first);
     FILE *log = fopen("/dev/null", "ae");
     tl_fmu_memory_leave(memory);
     TEST_ASSERT_EQUAL_INT(first, fileno(log));
-    TEST_ASSERT_NULL(tl_fmu_memory_remaining(memory));
+    TEST_ASSERT_NULL(tl_fmu_memory_side_effect(memory));
     TEST_ASSERT_EQUAL_INT(0, close_in_call(log));
 }
 
@@ -674,7 +674,7 @@ static void test_folders_and_names_that_are_changed(void) {
     char place[] = "/tmp/twinlock-test-XXXXXX";
     char file[64];
     char moved[64];
-    memory->watched = 0;
+    memory->calls_to_check = 0;
     TEST_ASSERT_NOT_NULL(mkdtemp(place));
     (void)snprintf(file, sizeof file, "%s/file", place);
     (void)snprintf(moved, sizeof moved, "%s/moved", place);
@@ -753,7 +753,7 @@ static void try_protected(int protection) {
     void *own = mmap(NULL, size, protection, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     tl_fmu_memory_leave(memory);
     TEST_ASSERT_TRUE(own != MAP_FAILED);
-    TEST_ASSERT_NULL(tl_fmu_memory_remaining(memory));
+    TEST_ASSERT_NULL(tl_fmu_memory_side_effect(memory));
     tl_fmu_memory_enter(memory);
     int failed = mprotect(own, size, PROT_READ | PROT_WRITE);
     tl_fmu_memory_leave(memory);
@@ -866,7 +866,7 @@ static void test_a_library_in_another_namespace(void) {
 
 static void test_a_temporary_file(void) {
     char path[] = "/tmp/twinlock-temporary-XXXXXX";
-    fmu.guard.memory->watched = 0;
+    fmu.guard.memory->calls_to_check = 0;
     tl_fmu_memory_enter(fmu.guard.memory);
     int descriptor = mkstemp(path);
     tl_fmu_memory_leave(fmu.guard.memory);

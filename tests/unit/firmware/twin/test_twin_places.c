@@ -9,10 +9,10 @@
 #include "firmware/twin/assembly.h"
 #include "tests/support/scratch.h"
 
-enum { MANY = 2 * TL_TWIN_READABLE + 44 };
+enum { MANY = 2 * TL_READABLE_PATHS_MOST + 44 };
 
 static const char *const variables[] = {"LD_LIBRARY_PATH", "PYTHONPATH", "LOCPATH",
-                                        "PYTHONHOME",      "PATH",       TL_TWIN_READABLE_HOME};
+                                        "PYTHONHOME",      "PATH",       TL_READABLE_PATHS_HOME};
 enum { VARIABLES = sizeof variables / sizeof variables[0], LISTS = 3 };
 
 static tl_scratch scratch;
@@ -173,7 +173,7 @@ static void test_never_a_home(void) {
     char list[4 * PATH_MAX];
     (void)snprintf(list, sizeof list, "%s:%s:%s:%s:/tmp:/var/", root, in_root("venv"), in_root("venv/lib/.."),
                    in_root("venv/lib"));
-    TEST_ASSERT_EQUAL_INT(0, setenv(TL_TWIN_READABLE_HOME, in_root("venv"), 1));
+    TEST_ASSERT_EQUAL_INT(0, setenv(TL_READABLE_PATHS_HOME, in_root("venv"), 1));
     for (size_t i = 0; i < LISTS; i++) {
         TEST_ASSERT_EQUAL_INT(0, setenv(variables[i], list, 1));
         expect_places((const char *const[]){in_root("venv/lib"), NULL});
@@ -219,7 +219,7 @@ static void test_more_than_there_is_room_for(void) {
     tl_readable_paths_free(&places);
     component.read_count = MANY;
     tl_readable_paths_find(&assembly, &places);
-    TEST_ASSERT_EQUAL_size_t(TL_TWIN_READABLE, places.count);
+    TEST_ASSERT_EQUAL_size_t(TL_READABLE_PATHS_MOST, places.count);
     for (size_t i = 0; i < MANY; i += 2) {
         (void)unlink(in_root(names[i]));
     }
