@@ -61,7 +61,7 @@ typedef struct tl_child_end {
     bool known; /* false: the kernel did not report the end */
     bool by_signal;
     int number;                   /* signal number, or exit code */
-    tl_end_cause announced_cause; /* that the child wrote to its heartbeats before its end */
+    tl_end_cause announced_cause; /* the child wrote it to its heartbeats before its end */
     int code;                     /* exit code that it announced with it */
 } tl_child_end;
 
@@ -77,7 +77,7 @@ typedef struct tl_child {
     tl_reaper reaper;        /* idle: the previous process was reaped */
     /* private */
     char fault[TL_RESTARTS_REASON];
-    tl_time blame_after; /* ns; a running FMU call is reported as the reason of a kill if it lasted at least so long */
+    tl_time blame_after; /* ns; an FMU call that lasted at least this long is reported as the cause of a kill */
     tl_time asking;      /* ns since the child was last asked to end, while the supervisor was running */
 } tl_child;
 

@@ -3,9 +3,9 @@
  *
  * Purpose: reads and writes the memory that the config manager shares with the other processes. The
  *          live twin is in the slot that the handover block names (handover.h).
- * Orders:  one at a time. The host gives the next order when the supervisor has executed the
- *          previous one. Orders outlive the process: a restarted config manager finds the order and
- *          its result.
+ * Orders:  requests to the supervisor (handover_control.h), one at a time. The host writes the next
+ *          order when the supervisor has executed the previous one. Orders outlive the process: a
+ *          restarted config manager finds the order and its result.
  * Tunings: both slots share one sequence of numbers, so that an answer of the recorder always
  *          belongs to one tuning.
  * Trust:   status blocks come from processes with FMUs: numbers are bounded, names are cleaned.
@@ -35,7 +35,7 @@ typedef struct tl_live_host {
     const char *text_hash;                    /* of `text` */
     tl_time step;                             /* T_S, ns */
     tl_journal *journal;
-    bool wants_none; /* private: order the end of the shadow as soon as the previous order is executed */
+    bool wants_none; /* private: after the previous order, orders that the shadow ends */
     uint32_t given;  /* private: number of the newest tuning that this process wrote */
 } tl_live_host;
 

@@ -1,8 +1,8 @@
-/* Saved-state test: can another process load what the FMUs of a run save? Done before the first
- * twin starts; the result is saved.
+/* Saved-state test: tests whether another process can load the saved states of the FMUs of a run.
+ * Runs before the first twin starts; the result is saved.
  *
- * Purpose: if a checkpoint crashes the process that loads it, a start is lost. If a checkpoint
- *          loads, but the FMU then computes other values, no later check detects that. So a worker
+ * Purpose: if a checkpoint crashes the process that loads it, a start fails. If a checkpoint loads,
+ *          but the FMU then computes other values, no later check detects that. So a worker
  *          (worker.h) tests the FMUs while io reads the plant. The output of the worker is not
  *          logged, because the run reports other errors of the FMUs.
  * Memory:  the result is saved to FOLDER/states.json. Its key is computed from the content of the
@@ -40,7 +40,7 @@ typedef struct tl_saved_states {
     uint64_t number;          /* identity number of the FMU files (identity.h) */
     char key[TL_SHA256_TEXT]; /* of the saved result */
     char path[PATH_MAX];
-    bool is_due; /* the test is to be done, or is running */
+    bool is_due; /* the test must still start, or is running */
     tl_worker worker;
     tl_time begun;    /* start of the test, monotonic clock */
     bool is_reported; /* the wait for the test was logged */

@@ -6,8 +6,8 @@
  *           (heartbeat.h), kills a silent process, and starts a new one. It sends keepalives to the
  *           watchdog of the box and to that of systemd.
  * Members:  the *twin* is the purpose of the run. *io* reads the plant, the *recorder* writes the
- *           database; the twin continues without them. A *shadow* is a second twin, as long as it
- *           is ordered (see Shadow). The *config manager* changes the configuration.
+ *           database; the twin continues without them. A *shadow* is a second twin, as long as the
+ *           order `shadow` is set. The *config manager* changes the configuration.
  * Watchdog: gets keepalives as long as the twin is alive, or the supervisor can restart it. A
  *           failed disk or device never resets the box. Keepalives stop only in these four cases:
  *           1. a thread of the twin is silent, until the twin has been killed;
@@ -54,26 +54,26 @@
  *           end is orderly: all failures are forgiven. If another signal follows after 1 s or
  *           later, each process gets 2 s. If the supervisor is killed, all its processes end.
  * Orders:   the callback `read_orders` sets them (tl_orders), mostly for a change of the
- *          configuration.
- * Shadow:   started when `shadow` is ordered, and asked to end when it is not ordered any more. It
- *           is monitored like the others. If it ends, `ended` reports that, and it is started again
- *           only if it is still ordered. Keepalives, restart record, exit code and safe hold do not
- *           depend on it. When all end, it is asked first and killed after 2 s, because none of its
- *           data is kept.
- * Manager:  the config manager is started when it is ordered, and ends when it has no work. After a
- *           failure it is restarted to finish its work, after a pause that doubles from 0.25 s to
- *           8 s. If it is ordered meanwhile, it starts after at most 1 s. At the end of all it is
- *           asked before the twin, and killed 2 s later. The run, its exit code and the restart
- *           record do not depend on it.
- * Swap:     when it is ordered, twin and shadow swap roles with all that belongs to their
+ *           configuration (handover_control.h).
+ * Shadow:   started when the order `shadow` is set, and asked to end when it is cleared. The shadow
+ *           is monitored like the others. If the shadow ends, `ended` reports that; it starts again
+ *           only if the order is still set. Keepalives, restart record, exit code and safe hold do
+ *           not depend on the shadow. When the run ends, the shadow is asked first and killed after
+ *           2 s, because none of its data is kept.
+ * Manager:  the config manager is started when its order is set, and ends when it has no work.
+ *           After a failure it is restarted to finish its work, after a pause that doubles from
+ *           0.25 s to 8 s. If the order is set meanwhile, it starts after at most 1 s. When the run
+ *           ends, it is asked before the twin, and killed 2 s later. The run, its exit code and the
+ *           restart record do not depend on it.
+ * Swap:     if the order `swap` is set, twin and shadow swap roles with all that belongs to their
  *           processes; keepalives, restart record and status then follow the new twin. If the
  *           shadow died before it became the twin, a new twin process is started at once. That
  *           death is not in the restart record, because the record counts failures of the live twin
  *           only. The old twin continues as the shadow; if it is dead, it is not restarted.
- * Exchange: when it is ordered, the recorder is asked to end and another one is started. That is
- *           orderly: no failure, no log line, no event. The recorder is also replaced if it has
- *           already ended with the run and left unwritten data.
- * Last:     if a recorder fails or cannot be started during the end, another one writes the
+ * Exchange: if the order `recorder` is set, the recorder is asked to end and another one is
+ *           started. That is orderly: no failure, no log line, no event. The recorder is also
+ *           replaced if it has already ended with the run and left unwritten data.
+ * Last:     if a recorder fails or cannot be started while the run ends, another one writes the
  *           remaining data. At most two others are tried, or one if the recorder had to be killed.
  * Memory:   the caller owns the settings and the heartbeats.
  * Errors:   logged; tl_supervise() returns an exit code.
@@ -99,7 +99,7 @@ typedef enum tl_member {
     TL_MEMBERS
 } tl_member;
 
-/* Must the first twin wait? */
+/* How the first twin must wait (saved_states.h). */
 typedef enum tl_wait {
     TL_WAIT_OVER,
     TL_WAIT_BRIEF, /* no twin process is started meanwhile */
@@ -109,11 +109,11 @@ typedef enum tl_wait {
 /* Orders, read in each pass of the supervisor's main loop. An order applies while it is set; `swap`
  * swaps in each pass: set it for one pass only. */
 typedef struct tl_orders {
-    bool end;            /* end all */
+    bool end;            /* end the run */
     bool shadow;         /* a shadow is wanted; started if there is none */
     bool config_manager; /* a config manager is wanted; started if there is none */
     bool kill_twin;      /* kill the twin, because it did not stop in time for a swap */
-    bool swap;           /* ignored once all end */
+    bool swap;           /* ignored once the run ends */
     bool recorder;       /* replace the recorder */
     bool soon;           /* an event is expected: the next pass is in 2 ms */
 } tl_orders;

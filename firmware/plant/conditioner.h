@@ -49,7 +49,7 @@
 #include "master/base/signal.h"
 
 enum {
-    TL_CONDITIONER_GAP = 10,
+    TL_CONDITIONER_GAP = 10,    /* see Gap */
     TL_CONDITIONER_MEDIAN = 99, /* largest number of readings of a median */
     TL_CONDITIONER_MOVES = 256, /* readings after which the largest move has decayed to 1/e */
     TL_CONDITIONER_PATIENCE = 4,
@@ -73,8 +73,8 @@ typedef struct tl_conditioner {
     bool is_empty;                            /* the low-pass has had no reading since it started */
     tl_conditioned last_smoothed;             /* last reading that entered the low-pass, and its output then */
     bool has_accepted;
-    double largest_move;                          /* recent one, in the signal's unit */
-    double smallest_move;                         /* ever, above 0; infinity: none yet */
+    double largest_move;                          /* largest recent move, decaying, in the signal's unit */
+    double smallest_move;                         /* smallest one ever, above 0; infinity: none yet */
     tl_reading accepted;                          /* last accepted reading */
     uint32_t since;                               /* readings since the accepted one */
     tl_reading pending[TL_CONDITIONER_LEVEL - 1]; /* rejected readings that may be accepted later */

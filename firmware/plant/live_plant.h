@@ -31,14 +31,14 @@ typedef struct tl_live_plant_settings {
         *buffers;         /* one per signal, copied; their memory must outlive the plant; no other writer for `kinds` */
     tl_heartbeats *beats; /* each source has a heartbeat there; NULL: none */
     void (*on_link)(void *context, const char *source, bool good, const char *text); /* see plant_reader.h */
-    tl_time (*run_start)(void *context); /* see plant_reader.h; NULL: polls are not phased */
+    tl_time (*run_start)(void *context); /* see plant_reader.h; NULL: polls are not aligned to ticks */
     void *context;
 } tl_live_plant_settings;
 
 /* Opens the sources of `kinds` and starts their threads. Errors: TL_BAD_DATA if a signal has no
  * live source; TL_PLANT_DOWN if a source can never work. An absent device is not an error: on_link
- * reports it, and the source retries. The heartbeat of a source times out after two periods plus a
- * further time: hang_s or the time-outs of its poll, whichever is longer. */
+ * reports it, and the source retries. The heartbeat of a source times out after two periods plus
+ * the longer one of hang_s and the time-outs of its poll. */
 tl_status tl_live_plant_open(const tl_live_plant_settings *settings, tl_live_plant **plant, tl_error *error);
 
 /* Checks that every signal has a live source, without opening any. Errors: TL_BAD_DATA. */

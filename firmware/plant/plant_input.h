@@ -22,9 +22,9 @@
 #include "master/base/signal.h"
 
 /* How a signal is looked up in a sample of the instant t.
- * Next:  applies if there is no reading at t − back. If true, the reading after t − back is used if
- *        it has come by t; else the newest before. If false, the newest before is used, or the one
- *        after if there is none before.
+ * Next: applies if there is no reading at t − back. If true, the next reading after t − back is
+ *       used if it has come by t; else the newest one before. If false, the newest one before is
+ *       used; if there is none, the next one after.
  * Shows: if true, the result is the newest reading of signal `shown`, before conditioning. If
  *        readings were rejected since the last tick, it is the last of these, as TL_OUTLIER. */
 typedef struct tl_plant_lookup {

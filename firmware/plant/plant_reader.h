@@ -18,10 +18,10 @@
  * Purpose: a register is often polled more often than its device writes it. Conditions, lines and
  *          statistics count readings, so repeated ones must not count: a median of three would
  *          contain the same reading three times.
- * Rule:    a good reading with the value of the one before is a repetition if it comes so soon that
- *          no new one was due. If a device really writes the same value twice, the second one is
- *          dropped too, because they cannot be distinguished. A line to the next different value
- *          then starts at the first of the two.
+ * Rule:    a good reading with the value of the one before is a repetition if it comes within the
+ *          time in which the device writes no new value (`within`). If a device really writes the
+ *          same value twice, the second one is dropped too, because they cannot be distinguished. A
+ *          line to the next different value then starts at the first of the two.
  * Thread:  plain data; the thread of the source.
  */
 
@@ -57,7 +57,8 @@ typedef struct tl_plant_source {
     tl_time repeats[TL_MAX_SIGNALS]; /* channel → `within` of tl_repeated_reading_is(), ns */
     tl_time period;                  /* ns between polls, > 0 */
     /* Returns t_start of the run, before whose ticks the polls should end; 0: not known. Called in
-     * the thread of the source, with the readers' `context`. NULL: polls are not phased. */
+     * the thread of the source, with the readers' `context`. NULL: polls are not aligned to ticks
+     * (poll_phase.h). */
     tl_time (*run_start)(void *context);
     tl_thread_heartbeat *heartbeat; /* of its thread, set at each poll and reading; NULL: none */
 } tl_plant_source;

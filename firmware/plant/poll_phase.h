@@ -1,7 +1,7 @@
 /* Poll phase: schedules the polls of one source so that they end just before ticks.
  *
- * Purpose: a value is then as young at its tick as the device permits. Without a phase it is up to
- *          one period older, by the chance of the start.
+ * Purpose: a value is then as young at its tick as the device permits. Without alignment it is up
+ *          to one period older, depending on the start of the polls.
  * Method:  polls end before the instants origin + i·period. If the period divides T_S or is a
  *          multiple of it, a poll ends before each tick, or before every n-th. The lead is the time
  *          from the start of a poll to its instant. It is computed after each window of 2, 4, 8 …
@@ -33,10 +33,10 @@ typedef struct tl_poll_phase {
 /* Begins with a poll at `now`. */
 void tl_poll_phase_begin(tl_poll_phase *self, tl_time period, tl_time now);
 
-/* The present poll has ended at `now`. Returns the start of the next one; it may have passed
- * already by an increase of the lead. `origin`: any positive instant of the grid; 0: not known, so
- * the grid stays as it is; negative: the source is not phased, so the lead stays 0. If the grid
- * changes, the next poll starts at least one period after the present one. */
+/* The present poll has ended at `now`. Returns the start of the next one; it may be in the past if
+ * the lead has grown. `origin`: a tick of the run, ns, > 0; 0: not known, so the instants stay as
+ * they are; negative: the source is not aligned, so the lead stays 0. If the instants change, the
+ * next poll starts at least one period after the present one. */
 tl_time tl_poll_phase_next(tl_poll_phase *self, tl_time origin, tl_time now);
 
 #endif

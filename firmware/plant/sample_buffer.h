@@ -16,9 +16,9 @@
 /* ---- A sample buffer: the newest readings of one signal, from one writer to several readers,
  * wait-free.
  *
- * Purpose: plant I/O posts and the cycle looks up, and neither waits for the other. The newest
- *          `depth` readings are kept. So a twin that missed ticks or was restarted can still look
- *          up each sample at its own instant.
+ * Purpose: plant I/O posts readings and the cycle looks them up; neither waits for the other. The
+ *          newest `depth` readings are kept. So a twin that missed ticks or was restarted can still
+ *          look up each sample at its own instant.
  * Memory:  the caller's, zeroed initially: of this process, or a block (block.h) that only the
  *          writer's process can write. It contains no pointers; each side has its own handle. A
  *          reader may map it read-only.

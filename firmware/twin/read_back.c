@@ -11,7 +11,7 @@ typedef enum read_stage { STAGE_SKIPPED, STAGE_WANTED, STAGE_BEGUN, STAGE_DONE }
 
 /* Result of one component in the block. */
 typedef struct read_answer {
-    uint32_t handover_block;
+    uint32_t stage;
     tl_read_back_component found; /* valid when done */
 } read_answer;
 
@@ -48,7 +48,7 @@ static void evaluate_result(const tl_read_back *read, const char *name, bool is_
 
 /* Publishes progress at once, because this process may end during the next call. */
 static void set_stage(read_answer *kept, read_stage reached) {
-    __atomic_store_n(&kept->handover_block, (uint32_t)reached, __ATOMIC_RELEASE);
+    __atomic_store_n(&kept->stage, (uint32_t)reached, __ATOMIC_RELEASE);
 }
 
 tl_status tl_read_back_run_reader(const tl_assembly *assembly, void *block, tl_error *error) {
@@ -59,7 +59,7 @@ tl_status tl_read_back_run_reader(const tl_assembly *assembly, void *block, tl_e
     }
     for (size_t i = 0; i < assembly->config.component_count; i++) {
         tl_read_back read;
-        if (own->of[i].handover_block != STAGE_WANTED || own->size > ROOM) {
+        if (own->of[i].stage != STAGE_WANTED || own->size > ROOM) {
             continue;
         }
         set_stage(&own->of[i], STAGE_BEGUN);
@@ -74,7 +74,7 @@ tl_status tl_read_back_run_reader(const tl_assembly *assembly, void *block, tl_e
 
 /* Evaluates one component after the reader process has ended. Returns true if it is done. */
 static bool evaluate_answer(read_answer *answer, const tl_error *end, tl_read_back_component *found) {
-    const read_stage reached = (read_stage)answer->handover_block;
+    const read_stage reached = (read_stage)answer->stage;
     if (reached == STAGE_DONE) {
         *found = answer->found; /* untrusted: the FMU of that process may have overwritten it */
         found->text[sizeof found->text - 1] = '\0';
@@ -86,7 +86,7 @@ static bool evaluate_answer(read_answer *answer, const tl_error *end, tl_read_ba
         (void)snprintf(found->text, sizeof found->text, "%s", end->text);
     }
     if (reached != STAGE_WANTED) {
-        answer->handover_block = STAGE_SKIPPED;
+        answer->stage = STAGE_SKIPPED;
     }
     return reached != STAGE_WANTED;
 }
@@ -101,7 +101,7 @@ static void run_readers(const tl_read_back_host *host, tl_read_back_report *repo
         goes_on = false;
         (void)host->start_reader(host->context, &end);
         for (size_t i = 0; i < report->count; i++) {
-            if (block->of[i].handover_block != STAGE_SKIPPED) {
+            if (block->of[i].stage != STAGE_SKIPPED) {
                 bool settled = evaluate_answer(&block->of[i], &end, &report->of[i]);
                 goes_on = goes_on || settled;
                 remains = remains || !settled;
@@ -127,7 +127,7 @@ static bool save_states(const tl_assembly *assembly, read_block *block, tl_read_
         } else {
             tl_assembly_quote(error.text, "", found->text, sizeof found->text);
         }
-        block->of[i].handover_block = is_saved && here[i].outcome == TL_READ_BACK_EXACT ? STAGE_WANTED : STAGE_SKIPPED;
+        block->of[i].stage = is_saved && here[i].outcome == TL_READ_BACK_EXACT ? STAGE_WANTED : STAGE_SKIPPED;
     }
     return is_saved;
 }

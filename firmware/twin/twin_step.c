@@ -187,8 +187,8 @@ static void write_size(const tl_account_finding *finding, char *text, size_t siz
 }
 
 static void write_sentence(const tl_account_finding *finding, tl_twin_verify_report *outcome) {
-    static const char *const outcomes[TL_MENDED_COUNT] = {
-        [TL_MENDED_NOT] = "committed results may be wrong from now on",
+    static const char *const outcomes[TL_REPAIRED_COUNT] = {
+        [TL_REPAIRED_NOT] = "committed results may be wrong from now on",
         [TL_REPAIRED_BY_MEMORY] = "it is rolled back by its memory from now on",
         [TL_REPAIRED_BY_STATES] = "it is rolled back by its own states from now on",
     };
@@ -231,7 +231,7 @@ tl_status tl_twin_verify_until(tl_twin *twin, tl_time until, tl_twin_verify_repo
 
 bool tl_twin_last_finding(const tl_account *account, tl_twin_verify_report *outcome) {
     outcome->found = account->differed != 0;
-    outcome->mended = account->finding.mended != TL_MENDED_NOT;
+    outcome->mended = account->finding.mended != TL_REPAIRED_NOT;
     (void)snprintf(outcome->component, sizeof outcome->component, "%.63s", account->finding.component);
     write_sentence(&account->finding, outcome);
     return outcome->found;

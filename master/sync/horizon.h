@@ -31,16 +31,17 @@ typedef struct tl_horizon {
     size_t variables;               /* number of adjusted variables */
     size_t count;                   /* unknowns of all variables */
     size_t offset[TL_MAX_ADJUST];   /* first unknown of a variable */
-    uint32_t length[TL_MAX_ADJUST]; /* number of its unknowns */
-    uint32_t longest;               /* the largest of these; 1: u is constant over the horizon */
-    uint32_t variable_distance[TL_MAX_ADJUST]; /* its T_D: to the nearest matched output */
+    uint32_t length[TL_MAX_ADJUST]; /* number of unknowns of a variable */
+    uint32_t longest;               /* the largest `length`; 1: u is constant over the horizon */
+    uint32_t variable_distance[TL_MAX_ADJUST]; /* T_D of a variable: to the nearest matched output */
     uint32_t match_distance[TL_MAX_MATCH]; /* T_D of a matched output: from the nearest variable; TL_NEVER: weight 0 */
     size_t nodes;                          /* components and the plant; the plant is the last */
     uint32_t *reach;                       /* Γ_k of each node */
-    uint32_t *from_adjust; /* [variable · nodes + k]: c̃ from the variable's component to k; TL_NEVER: no path */
+    uint32_t *
+        from_adjust; /* [variable · nodes + k]: path length c̃ (steps) from the variable's component to k; TL_NEVER: no path */
     uint32_t *from_signal; /* [signal · nodes + k]: steps from a plant signal to k; 0 if k reads the signal itself */
-    uint32_t *nearest;     /* c̃ from the nearest adjusted variable to each node; TL_NEVER: no path */
-    uint32_t *longer; /* C_k: extra length of the path through k over the shortest path; TL_NEVER: k is on no path */
+    uint32_t *nearest; /* path length c̃ (steps) from the nearest adjusted variable to each node; TL_NEVER: no path */
+    uint32_t *longer;  /* C_k: extra length of the path through k over the shortest path; TL_NEVER: k is on no path */
 } tl_horizon;
 
 /* Computes the horizon from the paths of the graph. `adjusted`, `matched`: the ports of the plan's
@@ -49,7 +50,8 @@ typedef struct tl_horizon {
 bool tl_horizon_init(tl_horizon *horizon, tl_arena *arena, const tl_graph *graph, const tl_port *const *adjusted,
                      const tl_port *const *matched, tl_report *report);
 
-/* The value of a variable at `depth` (0 … T_P − 1) of a candidate. */
+/* Returns the value of a variable at macro step `depth` (0 … T_P − 1) of a candidate with the
+ * unknowns `u`. */
 double tl_horizon_value(const tl_horizon *horizon, const double *u, size_t variable, uint32_t depth);
 
 /* Sets all unknowns of each variable to one value. */

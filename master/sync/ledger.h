@@ -48,11 +48,11 @@ typedef struct tl_ledger_samples {
     int64_t *differs; /* step at which each signal differs; last, the plant's tick */
 } tl_ledger_samples;
 
-/* Of each node: its steps before this one are known. */
+/* Per node: the first step whose execution is not known yet. */
 typedef struct tl_ledger_known {
     int64_t step, present; /* `any` is valid for this step and newest sample */
-    int64_t *any;          /* whatever the candidate is */
-    int64_t *candidate;    /* of the candidate compared last */
+    int64_t *any;          /* by any candidate */
+    int64_t *candidate;    /* by the candidate compared last */
 } tl_ledger_known;
 
 typedef struct tl_ledger {
@@ -64,12 +64,12 @@ typedef struct tl_ledger {
     int64_t step; /* i: the step to be committed next */
     size_t capacity;
     size_t oldest;    /* index of the oldest entry in the ring `entries` */
-    size_t count;     /* used entries */
-    size_t evaluated; /* entries that are compared and counted; the others wait */
+    size_t count;     /* number of used entries */
+    size_t evaluated; /* entries that were compared and counted; the others are compared after the next commit */
     tl_ledger_entry *entries;
     double *unknowns;                /* by entry */
-    double committed[TL_MAX_ADJUST]; /* u of the step that waits */
-    bool has_committed;              /* a committed step waits */
+    double committed[TL_MAX_ADJUST]; /* u of the committed step that was not counted yet */
+    bool has_committed;              /* `committed` is valid */
     bool *executes;                  /* of each node: it executes all steps (TL_KEEP_NONE) */
     tl_ledger_known known;
     tl_ledger_samples samples;
@@ -102,8 +102,8 @@ void tl_ledger_commit(tl_ledger *ledger, const double *values);
  * predicted since the last call. */
 uint64_t tl_ledger_evaluate(tl_ledger *ledger);
 
-/* Records that all FMUs were reset at the committed instant: earlier executions say nothing about
- * later ones. */
+/* Records that all FMUs were reset at the committed instant, so that later steps reuse no earlier
+ * executions. */
 void tl_ledger_reset(tl_ledger *ledger);
 
 /* As tl_ledger_reset(); also sets the counts of predicted executions to 0. */

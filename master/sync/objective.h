@@ -11,7 +11,8 @@
  *          unseen unknown is damped by the residual √TL_UNSEEN_RATE·(u − u of the step
  *          before)/step, unless its rate penalty is larger.
  * NaN:     an output that is not finite makes J of its candidate NaN. If u is not the cause,
- *          tl_objective_leave_out() gives it weight 0 in this step, as for a ŷ that is not good.
+ *          tl_objective_leave_out() gives this output weight 0 in this step, as for a ŷ that is not
+ *          good.
  * Use:     tl_objective_prepare() once per step; then for each candidate tl_objective_at() at each
  *          depth and tl_objective_penalise() once.
  * Thread:  the twin's. Memory: the arena, at start-up.
@@ -103,8 +104,8 @@ double tl_objective_at(const tl_objective *objective, uint32_t depth, double *re
 /* The first match whose y in this course should count and is not finite; SIZE_MAX: none. */
 size_t tl_objective_find_bad(const tl_objective *objective, const double *course);
 
-/* Leaves these y out of J in this step; their residuals become 0. Returns the contribution of the
- * other samples; HUGE_VAL, without any change, if none would remain. */
+/* Leaves the y that are not finite out of J in this step; their residuals become 0. Returns the
+ * contribution of the other samples; HUGE_VAL, without any change, if none would remain. */
 double tl_objective_leave_out(tl_objective *objective, const double *course, double *residuals);
 
 /* Contribution of u itself to J: damping, deviation from nominal, and rate. Fills the rest of the
@@ -123,19 +124,21 @@ void tl_objective_forecast(const tl_objective *objective, const double *course, 
 /* Mean contribution of the measurement noise to the square of each residual; 0 for penalties. */
 void tl_objective_noise(const tl_objective *objective, double *squares);
 
-/* Cost of these y of the matched outputs, compared with the plant at `tick`. */
+/* Returns the contribution to J of these `y` of the matched outputs, compared with the plant at
+ * `tick`. */
 double tl_objective_sample(const tl_objective *objective, int64_t tick, const double *y);
 
-/* Samples of the horizon: T_P − T_D + 1. */
+/* Returns the number of samples of the horizon: T_P − T_D + 1. */
 size_t tl_objective_samples(const tl_objective *objective);
 
 /* Largest change of a sample's residual between two candidates, in tolerances. */
 double tl_objective_change(const tl_objective *objective, const double *residuals, const double *others);
 
-/* y of each matched term now. */
+/* Copies the present y of each matched term. */
 void tl_objective_matched(const tl_objective *objective, double *y);
 
-/* y of one term now; and the ŷ that is paired with the y of t_tick, in the unit of y. */
+/* Return the present y of a term, and the ŷ that is paired with the y of t_tick, in the unit of
+ * y. */
 double tl_objective_y(const tl_objective *objective, size_t term);
 double tl_objective_measured(const tl_objective *objective, size_t term, int64_t tick, tl_quality *quality);
 

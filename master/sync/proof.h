@@ -95,7 +95,7 @@ typedef struct tl_proof {
     bool holds;          /* the rollback of all components is exact */
     size_t culprit;      /* the component that caused a failure; SIZE_MAX: not known */
     /* private: */
-    double *outputs;  /* of each port in each step from the start, then in each step of each excursion */
+    double *outputs;  /* values of each port in each step from the start, then in each step of each excursion */
     uint64_t *hashes; /* tl_component_hash() of each component after the steps from the start, */
                       /* then after each excursion */
     tl_proof_excursion excursions[TL_PROOF_EXCURSIONS];
@@ -123,8 +123,8 @@ bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, cons
 tl_status tl_proof_of_rollback(tl_proof *proof, tl_synchroniser *synchroniser, const tl_graph *graph, int64_t first,
                                tl_time (*now)(void *clock), tl_error *error);
 
-/* Frees the second state. Call it after the size of a state was measured at the start of a run:
- * freed memory would falsify that measurement. Allowed again at any later time. */
+/* Frees the second state. Call it only after the size of a state was measured at the start of a
+ * run, because freed memory would falsify that measurement. May be called again. */
 void tl_proof_end(tl_proof *proof);
 
 #endif

@@ -31,15 +31,15 @@ tl_budget tl_budget_defaults(tl_time step);
 /* Outcome of a step. */
 typedef enum tl_outcome {
     TL_FREE,        /* nothing is adjusted */
-    TL_FIRST_GUESS, /* the first guess was within tolerance */
+    TL_FIRST_GUESS, /* the first guess of u was within tolerance */
     TL_OPTIMISED,   /* the search found a u within tolerance */
     TL_BEST_SO_FAR, /* the search ended outside the tolerance, but better than nominal by the margin */
-    TL_NOMINAL,     /* nominal u committed: the search found nothing better, u failed, or TL_FLAG_RESTS */
+    TL_NOMINAL,     /* nominal u committed: the search found nothing better, the found u failed, or TL_FLAG_RESTS */
     TL_FREE_RUN,    /* nominal u committed, nothing evaluated: no matched signal was good, or TL_FLAG_NO_ROLLBACK */
     TL_CAUGHT_UP,   /* a missed tick: nominal plus the last Δu (a Boolean: the last u), nothing evaluated */
     TL_HELD,        /* event horizon: the last u is held; a step that ends a search has an outcome from above */
     TL_SEARCHING,   /* event horizon: the last u is held while a stroke is searched */
-    TL_RESUMED      /* the u of an earlier run, which is resumed */
+    TL_RESUMED      /* committed with the u of the earlier run that this run resumes */
 } tl_outcome;
 
 enum { TL_OUTCOMES = TL_RESUMED + 1 };
@@ -127,7 +127,7 @@ typedef struct tl_record {
     tl_time delay; /* measured, ns; ŷ of later steps is looked up this long before y; 0 if not known */
 } tl_record;
 
-/* Initialises the record of a step: nothing evaluated or held, both objectives NaN. */
+/* Initialises the record of a step: nothing evaluated, no variable held, both objectives NaN. */
 void tl_record_begin(tl_record *record, int64_t step);
 
 /* Text names for records and messages: "free", "first guess", … and "tolerance", "evaluations", ….
@@ -152,7 +152,7 @@ typedef enum tl_restore_cause {
 
 enum { TL_RESTORE_CAUSES = TL_CAUSE_FINAL + 1 };
 
-/* Whether there are released twins (released_twin.h), or why not. */
+/* Whether there are released twins (released_twin.h), or why there are none. */
 typedef enum tl_released_state {
     TL_RELEASED_OFF, /* not wanted, or nothing is adjusted */
     TL_RELEASED_ON,
@@ -160,7 +160,7 @@ typedef enum tl_released_state {
     TL_RELEASED_OUTPUTS, /* a component keeps only outputs: its state would have to be computed again in each step */
     TL_RELEASED_REPLAY,  /* a component is rolled back by replay */
     TL_RELEASED_MEMORY,  /* their states need more than a quarter of the memory bound */
-    TL_RELEASED_SLOW     /* they took more than a tenth of T_S */
+    TL_RELEASED_SLOW     /* they took more than a tenth of T_S per step */
 } tl_released_state;
 
 enum { TL_RELEASED_STATES = TL_RELEASED_SLOW + 1 };
@@ -168,19 +168,19 @@ enum { TL_RELEASED_STATES = TL_RELEASED_SLOW + 1 };
 /* For messages: "on", or the reason. */
 const char *tl_released_state_text(tl_released_state state);
 
-/* Ages of released twins by powers of two: index k stands for 2^k … 2^(k+1) − 1 steps, the last one
- * also for more. */
+/* Ages of released twins (steps since the release) by powers of two: index k stands for 2^k …
+ * 2^(k+1) − 1 steps, the last one also for more. */
 enum { TL_RELEASED_AGES = 16 };
 
 /* Largest square of an error in tolerances that is added up, so that one outlier cannot decide. */
 #define TL_RELEASED_MOST 1e4
 
-/* Effort of released twins, and the errors of both by their age. */
+/* Effort of the two released twins, and their errors by age. */
 typedef struct tl_released_counts {
     uint64_t executions; /* of FMUs and of the plant; no other count includes them */
     uint64_t releases;
     double squares[TL_RELEASED_AGES]; /* sum of Σ weight·((y − ŷ)/tolerance)² over steps */
-    uint64_t steps[TL_RELEASED_AGES]; /* with at least one good ŷ */
+    uint64_t steps[TL_RELEASED_AGES]; /* number of these steps; each has at least one good ŷ */
 } tl_released_counts;
 
 /* Effort and effect of a free-running twin (free_twin.h). */

@@ -22,7 +22,7 @@ typedef struct tl_step_search {
     int64_t step;
     const tl_budget *budget;
     uint32_t limit;       /* largest number of evaluations */
-    uint32_t evaluations; /* used so far */
+    uint32_t evaluations; /* done so far */
     bool dirty;           /* values and states are not those of t_i */
     tl_status back;       /* result of the rollback to t_i */
     bool walked;          /* a candidate was simulated: the time after it is spent in the solver */
@@ -39,7 +39,7 @@ typedef struct tl_step_search {
     tl_record_refused refused;
     uint32_t idle;      /* candidates since J was last reduced by at least 1 % */
     bool stagnated;     /* no progress for too long: the solver is stopped */
-    bool acquaints;     /* the solver may search within tolerance until it knows enough for a guess */
+    bool acquaints;     /* the solver may search within tolerance, until it has data for a guess */
     double start_value; /* J at the start of the search */
     double best_value;
     double nominal_value;          /* NaN: not evaluated */
@@ -57,13 +57,13 @@ void tl_step_search_begin(tl_step_search *search, tl_synchroniser *synchroniser,
  * this step, 0 … T_P − 1. */
 void tl_step_search_set_inputs(const tl_synchroniser *synchroniser, const double *u, uint32_t depth);
 
-/* may_guess(): true if there is time to ask the solver for a guess; else sets `stop`.
- * end_guess(): call it after the guess, to measure how long the guess took. */
+/* may_guess() returns true if there is time for a first guess of the solver; otherwise sets `stop`.
+ * end_guess() measures the duration of the guess; call it after the guess. */
 bool tl_step_search_may_guess(tl_step_search *search);
 void tl_step_search_end_guess(tl_step_search *search);
 
-/* True if the budget allows an evaluation of u, the evaluation of nominal if it is not done yet,
- * and the committed step; else sets `stop`. */
+/* Returns true if the budget allows an evaluation of u, then that of nominal (if it is not done
+ * yet), and the committed step. Otherwise sets `stop`. */
 bool tl_step_search_may_evaluate(tl_step_search *search, const double *u);
 
 /* Rolls back to the committed instant, if values or states have changed. */
@@ -78,10 +78,10 @@ double tl_step_search_evaluate(tl_step_search *search, const double *u);
  * tl_step_search. Returns false if the solver must stop. */
 bool tl_step_search_ask(void *search, const double *u, double *value, const double **residuals);
 
-/* True if no adjusted variable is identifiable. */
+/* Returns true if no adjusted variable is identifiable. */
 bool tl_step_search_is_blind(const tl_step_search *search);
 
-/* Sets variables that are not identifiable to nominal. */
+/* Sets the unknowns of variables that are not identifiable to nominal, in place in `u`. */
 void tl_step_search_hold(const tl_step_search *search, double *u);
 
 #endif

@@ -84,7 +84,7 @@ void tl_synchroniser_forget(tl_synchroniser *synchroniser);
 void tl_synchroniser_retune(tl_synchroniser *synchroniser, tl_objective_term *terms, const tl_tuning *tuning);
 
 /* Saves or loads the data of earlier steps that a step without a search needs, and the noise
- * estimates. After loading, the solvers start empty. */
+ * estimates. After loading, the solvers have no learned data. */
 void tl_synchroniser_archive(tl_synchroniser *synchroniser, tl_archive *archive);
 
 #endif

@@ -58,7 +58,7 @@ typedef struct tl_synchroniser_memory {
     double *candidate_course; /* y of the matched outputs along the horizon, of the candidate evaluated last */
     double *best_course;      /* the same of the best candidate */
     double *course;           /* the same of the step committed last */
-    double *earlier;          /* y of the matched outputs one sample before the last sample of `course` */
+    double *earlier;          /* y of the matched outputs, one sample before the last one of `course` */
     double *lower;            /* bounds of the unknowns */
     double *upper;
     double *factors;              /* scale factors of the residuals after a change of the tuning */
@@ -79,7 +79,7 @@ typedef struct tl_synchroniser {
     tl_optimiser *optimiser;
     const tl_optimiser_class *fallback; /* NULL: none */
     tl_optimiser *second;               /* the solver of `fallback` */
-    uint32_t stagnation;                /* this and the next two: see plan.h */
+    uint32_t stagnation;                /* stagnation, margin and noise_floor: see plan.h */
     double margin;
     double noise_floor;
     tl_synchroniser_memory memory;
@@ -90,7 +90,7 @@ typedef struct tl_synchroniser {
     bool runs_free;                   /* set by the owner: a component cannot be rolled back, so nothing is evaluated */
     bool rests;                       /* set by the owner: u rests at nominal; only nominal is evaluated */
     bool was_blind;                   /* no variable was identifiable in the step before */
-    bool has_taught_solver;           /* the one search within tolerance, which gives the solver data, is done */
+    bool has_taught_solver; /* the solver has made its one search within tolerance, which gives it data for guesses */
     tl_synchroniser_times times;
     tl_time *rest; /* predicted cost of a candidate's macro steps from each depth on, ns: T_P + 1 values */
 } tl_synchroniser;

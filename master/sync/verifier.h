@@ -33,8 +33,8 @@ typedef struct tl_restore_trial {
     fmi2FMUstate state;          /* an existing state, or NULL */
     const unsigned char *inputs; /* of the steps, one after the other, each of input_bytes */
     size_t input_bytes;
-    const unsigned char
-        *distant_inputs;    /* inputs of as many steps that lead it to a distant state; NULL: no such trial */
+    const unsigned char *
+        distant_inputs; /* inputs of as many steps that move it to a distant state; NULL: this experiment is left out */
     unsigned char *outputs; /* scratch: outputs of steps + 1 steps */
     size_t output_bytes;
 } tl_restore_trial;
@@ -67,7 +67,7 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
  *          counted separately.
  * Time:    the runs of a turn are made together, between two ticks. They start only if
  *          TL_VERIFIER_RESERVE times their expected duration is left.
- * Not for: a twin that adjusts nothing, since it never rolls back; an event horizon, which holds
+ * Not for: a twin that adjusts nothing, because it never rolls back; an event horizon, which has
  *          states of its own.
  * Thread:  the twin's. Memory: the arena, at start-up; two states of each FMU, created at its
  *          start.
@@ -100,7 +100,7 @@ typedef struct tl_verifier_counts {
 typedef struct tl_verified {
     fmi2FMUstate earlier;   /* state at the start of a turn; NULL: none yet */
     fmi2FMUstate full_copy; /* present state, if it is not in a tl_fmi2_fallback copy; NULL: none yet */
-    tl_time there_and_back; /* ns: duration of rollback and return, without steps; 0: not known */
+    tl_time there_and_back; /* ns: restore of the earlier and of the present state, without steps; 0: not known */
     bool differs;           /* not exact, and without another rollback method: not verified any more */
 } tl_verified;
 
@@ -135,7 +135,7 @@ bool tl_verifier_init(tl_verifier *verifier, tl_arena *arena, tl_exchange *excha
                       uint32_t every);
 
 /* Call at the start of the twin, after the proof: creates the states. If `budget` has a clock,
- * measures the duration of rollback and return. */
+ * measures the duration of restoring the earlier and the present state. */
 tl_status tl_verifier_start(tl_verifier *verifier, const tl_budget *budget, tl_error *error);
 
 /* Reports a committed step. */

@@ -133,7 +133,7 @@ bool tl_account_is_sound(const tl_account *account) {
                  account->adjusts <= TL_MAX_ADJUST && isfinite(account->experiment.start_s) &&
                  isfinite(account->experiment.stop_s) && is_text(account->algorithm) && is_text(account->fallback) &&
                  is_text(account->finding.component) && is_text(account->finding.variable) &&
-                 is_text(account->finding.unit) && account->finding.mended < TL_MENDED_COUNT &&
+                 is_text(account->finding.unit) && account->finding.mended < TL_REPAIRED_COUNT &&
                  account->finding.cause < TL_RESTORE_CAUSES && account->released_state < TL_RELEASED_STATES &&
                  (unsigned)account->delay.state <= (unsigned)TL_DELAY_LOST;
     for (size_t i = 0; sound && i < account->components; i++) {

@@ -59,7 +59,7 @@ typedef struct tl_account_finding {
     char unit[TL_ACCOUNT_TEXT];
     int64_t step;
     uint32_t after;
-    uint32_t mended; /* tl_twin_mended */
+    uint32_t mended; /* tl_twin_repaired */
     uint32_t cause;  /* tl_restore_cause */
     double committed, again, tolerances;
 } tl_account_finding;

@@ -452,7 +452,7 @@ static void describe_finding(const tl_twin *twin, const tl_verifier_finding *fou
 }
 
 /* Switches to the other method if there is one that is not in use; else excludes the component. */
-static tl_status replace_method(tl_twin *twin, size_t component, tl_twin_mended *mended, tl_error *error) {
+static tl_status replace_method(tl_twin *twin, size_t component, tl_twin_repaired *mended, tl_error *error) {
     int64_t next = twin->exchange.plant.newest + 1 - (int64_t)twin->lead;
     bool prefers_copy = twin->graph.components[component].prefers_copy;
     bool emptied = false;
@@ -470,7 +470,7 @@ static tl_status replace_method(tl_twin *twin, size_t component, tl_twin_mended 
     if (status != TL_OK) {
         return status;
     }
-    *mended = !done ? TL_MENDED_NOT : prefers_copy ? TL_REPAIRED_BY_STATES : TL_REPAIRED_BY_MEMORY;
+    *mended = !done ? TL_REPAIRED_NOT : prefers_copy ? TL_REPAIRED_BY_STATES : TL_REPAIRED_BY_MEMORY;
     if (!done) {
         tl_verifier_exclude(&twin->verifier, component);
     }
@@ -491,7 +491,7 @@ tl_status tl_twin_verify(tl_twin *twin, const tl_budget *budget, tl_twin_finding
         twin->finding = *finding;
         bool harmless = finding->tolerances < HARMLESS_PART;
         twin->marks |= TL_FLAG_DIFFERED;
-        twin->lasting |= finding->mended != TL_MENDED_NOT || harmless ? 0U : (uint32_t)TL_FLAG_DIFFERED;
+        twin->lasting |= finding->mended != TL_REPAIRED_NOT || harmless ? 0U : (uint32_t)TL_FLAG_DIFFERED;
     }
     return twin->ended;
 }

@@ -33,7 +33,8 @@
 
 typedef struct tl_twin tl_twin;
 
-/* Facts of a built twin, for `check`, `--json` and the recorder. Texts live as long as the twin. */
+/* Facts of a built twin, for `check`, `--json` and the recorder. Texts are valid as long as the
+ * twin. */
 typedef struct tl_twin_facts {
     size_t components;                  /* K, the plant included */
     uint32_t prediction;                /* T_P in use; with an event horizon (event_horizon.h) the largest T_P */
@@ -59,30 +60,30 @@ typedef struct tl_twin_facts {
     bool has_free_twin;           /* the free-run check is on; before the start: it is configured */
     tl_free_twin_counts free_twin;
     tl_released_state released_state; /* may change during the first steps */
-    uint32_t released_steps;          /* R */
-    tl_time released_time;            /* ns for both in a step, measured in their first steps; 0: not known */
+    uint32_t released_steps;          /* R: steps of a release */
+    tl_time released_time; /* ns per step for both released twins, measured in their first steps; 0: not known */
     tl_released_counts released;
-    bool structure; /* does not execute what cannot reach a matched output (approach 1) */
-    bool sequences; /* does not execute an input sequence whose result is cached (approach 2) */
+    bool structure; /* does not execute what cannot reach a matched output (approach 1 of the dissertation) */
+    bool sequences; /* does not execute an input sequence whose result is cached (its approach 2) */
 } tl_twin_facts;
 
 /* One component in the execution ledger, which predicts and counts executions (ledger.h). The plant
  * is the last one. */
 typedef struct tl_twin_ledger {
     const char *name;
-    uint32_t reach;        /* Γ_k: number of steps of an evaluation in which it can reach a matched output (eq. 4.5) */
-    bool reads_late;       /* it rejects reading in initialisation mode */
-    bool on_path;          /* on a path from an adjusted variable to a matched output */
-    uint32_t longer;       /* C_k: extra length of the path through it over the shortest path; 0: on no path */
-    tl_keep keep;          /* what is kept; without a cache TL_KEEP_NONE, but TL_KEEP_AUTO before the start */
-    uint32_t first_need;   /* most executions in a step's first evaluation, with the configured saving */
-    uint32_t next_need;    /* most executions in each later evaluation (eq. 4.13) */
+    uint32_t reach;  /* Γ_k: number of steps of an evaluation in which it can reach a matched output (eq. 4.5) */
+    bool reads_late; /* its outputs cannot be read in initialisation mode, so they are read after it */
+    bool on_path;    /* on a path from an adjusted variable to a matched output */
+    uint32_t longer; /* C_k: extra length of the path through it over the shortest path; 0: on no path */
+    tl_keep keep;    /* results that its cache keeps; without a cache TL_KEEP_NONE, but TL_KEEP_AUTO before the start */
+    uint32_t first_need;   /* maximum executions of a step's first evaluation, with the configured saving */
+    uint32_t next_need;    /* maximum executions of each later evaluation (eq. 4.13) */
     uint32_t nodes;        /* nodes of its cache; 0: no cache */
-    uint64_t nodes_worst;  /* most nodes that could be needed at once */
-    uint32_t nodes_peak;   /* most nodes used at once so far */
+    uint64_t nodes_worst;  /* maximum number of nodes that could be needed at once */
+    uint32_t nodes_peak;   /* maximum number of nodes used at once so far */
     size_t memory;         /* bytes of the nodes, part of the facts' memory; without the FMU's states */
     size_t state_size;     /* bytes of one saved state of the FMU; 0: not started, or not known */
-    uint32_t states;       /* most nodes that may have a state; 0: not started */
+    uint32_t states;       /* maximum number of nodes with a state; 0: not started */
     uint64_t plain;        /* executions if nothing were saved */
     uint64_t predicted;    /* executions that the ledger predicts for the same evaluations */
     uint64_t executions;   /* executions done */
@@ -152,27 +153,29 @@ tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u
 
 /* Resets a lost twin at the next tick, before the step of that tick (also if it has no search). All
  * FMUs restart with their start values at the step's instant, with the plant's sample and nominal
- * u. The solver starts empty, and the last Δu is dropped. With an event horizon, the stroke (motion
- * up to the event) or search in progress is abandoned (TL_FLAG_ABANDONED). Samples, filters, the
- * measured delay, metrics, ledger and step numbers continue. The step's record has TL_FLAG_RESET.
- * If no step is due at the next tick, the FMUs still have their start values: then nothing happens.
+ * u. The solver starts without learned data, and the last Δu is dropped. With an event horizon, the
+ * stroke (motion up to the event) or search in progress is abandoned (TL_FLAG_ABANDONED). Samples,
+ * filters, the measured delay, metrics, ledger and step numbers continue. The step's record has
+ * TL_FLAG_RESET. If no step is due at the next tick, the FMUs still have their start values: then
+ * nothing happens.
  * Calls:  fmi2Reset of each FMU, and its initialisation. If an FMU rejects fmi2Reset, its states
  *         are freed, and it is instantiated again. If the initialisation then fails, all FMUs are
  *         instantiated again. No budget applies to this tick.
  * Errors: none here. The next tick returns TL_FMU_FAILED or TL_FMU_FATAL if the reset failed. */
 void tl_twin_reset(tl_twin *twin);
 
-/* `rests` true: from the next step on u rests at nominal, and nothing is searched, until this is
- * called with false, or after a reset, a tuning or a finding. No effect with an event horizon. */
+/* `rests` true: from the next step on u stays at nominal, and nothing is searched. This ends with a
+ * call with false, a reset, another tuning, or a finding of tl_twin_verify(). No effect with an
+ * event horizon. */
 void tl_twin_rest(tl_twin *twin, bool rests);
 
-/* How an FMU is rolled back after a finding. */
-typedef enum tl_twin_mended {
-    TL_MENDED_NOT,         /* by the same method as before */
+/* How an FMU is rolled back after a finding of tl_twin_verify(). */
+typedef enum tl_twin_repaired {
+    TL_REPAIRED_NOT,       /* by the same method as before */
     TL_REPAIRED_BY_MEMORY, /* by a copy of its memory, not by its own states any more */
     TL_REPAIRED_BY_STATES, /* by its own states, which the copy had replaced because it was faster */
-    TL_MENDED_COUNT        /* number of values */
-} tl_twin_mended;
+    TL_REPAIRED_COUNT      /* number of values */
+} tl_twin_repaired;
 
 /* A finding of tl_twin_verify(): the rollback of an FMU is not exact. */
 typedef struct tl_twin_finding {
@@ -185,7 +188,7 @@ typedef struct tl_twin_finding {
     double again;           /* value of the repeated step */
     double tolerances;      /* difference of the two values in tolerances, if the output is matched; else NaN */
     tl_restore_cause cause; /* TL_CAUSE_UNKNOWN if not determined */
-    tl_twin_mended mended;
+    tl_twin_repaired mended;
 } tl_twin_finding;
 
 /* Between two ticks, in the remaining time: continues the verification of rollbacks
@@ -231,13 +234,13 @@ void tl_twin_begin_at(tl_twin *twin, int64_t tick);
 void tl_twin_set_start(tl_twin *twin, double start_s);
 
 /* Loads a twin that was saved after `tick`: FMUs, values, samples, filters of the measurements, u.
- * The solver starts empty. The next tick is `tick` + 1. Initialises the FMUs before their states
- * are loaded.
+ * The solver starts without learned data. The next tick is `tick` + 1. Initialises the FMUs before
+ * their states are loaded.
  * Errors: TL_BAD_DATA if the bytes are not of such a twin at that tick; TL_FMU_FAILED, TL_FMU_FATAL
  *         if an FMU rejects its state. After any error the twin can only be destroyed. */
 tl_status tl_twin_load(tl_twin *twin, int64_t tick, const unsigned char *bytes, size_t size, tl_error *error);
 
-/* True if all FMUs declare that they can serialise their state. */
+/* Returns true if all FMUs declare that they can serialise their state. */
 bool tl_twin_can_save(const tl_twin *twin);
 
 /* Saves the twin after the newest tick to `bytes`; NULL: only computes the size. *size: number of
@@ -277,7 +280,8 @@ typedef struct tl_twin_bounds {
 
 tl_twin_bounds tl_twin_get_bounds(const tl_twin *twin, size_t signal);
 
-/* Return the executions of a component so far, and its name; the plant is the last component. */
+/* Return the executions of a component so far (candidates included), and its name; the plant is the
+ * last component. */
 uint64_t tl_twin_executions(const tl_twin *twin, size_t component);
 const char *tl_twin_component_name(const tl_twin *twin, size_t component);
 
@@ -295,12 +299,14 @@ typedef struct tl_twin_identifiability {
 
 tl_twin_identifiability tl_twin_get_identifiability(const tl_twin *twin);
 
-/* Bit k: component k keeps no results, by its configuration or by choice. 0 before the start, and
- * for components from TL_TWIN_UNSAVED on, which choose to keep states. */
+/* Returns bit k = 1 if component k keeps no results, by its configuration (`keep`) or by the
+ * measured choice. Is 0 before the start, and for components from TL_TWIN_UNSAVED on, which keep
+ * states if they have the choice. */
 enum { TL_TWIN_UNSAVED = 64 };
 uint64_t tl_twin_unsaved(const tl_twin *twin);
 
-/* False if there were more candidates than the ledger can hold: then its prediction is too high. */
+/* Returns false if there were more candidates than the ledger can store: then its prediction is too
+ * high. */
 bool tl_twin_ledger_is_complete(const tl_twin *twin);
 
 tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust);
@@ -308,7 +314,7 @@ tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust);
 /* The measured delay of the outputs (Δo); if the inputs are shifted, minus their delay Δi. */
 tl_twin_delay tl_twin_get_delay(const tl_twin *twin);
 
-/* MSE and MAX of match m over the records so far (eq. 5.2, 5.3). */
+/* Returns MSE and MAX of output `match` over the records so far (eq. 5.2, 5.3). */
 const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match);
 
 /* The same of the older released twin (sync/released_twin.h). */

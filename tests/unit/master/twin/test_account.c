@@ -79,7 +79,7 @@ static void test_enumerations_exist(void) {
     memcpy(&account.delay.state, &wrong, sizeof wrong);
     TEST_ASSERT_FALSE(tl_account_is_sound(&account));
     setUp();
-    account.finding.mended = TL_MENDED_COUNT;
+    account.finding.mended = TL_REPAIRED_COUNT;
     TEST_ASSERT_FALSE(tl_account_is_sound(&account));
 }
 
