@@ -26,8 +26,8 @@
 #include "board/io/plant_access.h"
 #include "board/io/plant_io.h"
 
-/* Most edges that one poll reads of one line: TL_GPIO_EDGES, plus TL_GPIO_EDGES_PER_MS for each ms
- * of the period. A read that finds no edge counts as one edge. */
+/* Maximum number of edges that one poll reads of one line: TL_GPIO_EDGES, plus TL_GPIO_EDGES_PER_MS
+ * for each ms of the period. A read that finds no edge counts as one edge. */
 enum { TL_GPIO_EDGES = 128, TL_GPIO_EDGES_PER_MS = 2 };
 
 typedef struct tl_gpio_settings {

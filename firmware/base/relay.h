@@ -21,7 +21,7 @@
 
 enum {
     TL_RELAY_LINE = 4096,                  /* bytes of the longest line before it is divided */
-    TL_RELAY_DRAIN = 256 * 1024,           /* most bytes of one tl_relay_drain() */
+    TL_RELAY_DRAIN = 256 * 1024,           /* maximum number of bytes of one tl_relay_drain() */
     TL_RELAY_CLEAN = 4 * TL_RELAY_LINE + 1 /* bytes of a clean line, including its NUL */
 };
 

@@ -107,7 +107,7 @@ void tl_show_bytes(double bytes, char *text, size_t size);
  * value that is not finite is blank. A character needs 3 bytes with style.unicode, else 1. */
 void tl_show_curve(tl_show_style style, const double *values, size_t count, char *text, size_t size);
 
-/* Most columns of a table; bytes of a curve of 64 values. */
+/* Maximum number of columns of a table; bytes of a curve of 64 values. */
 enum { TL_SHOW_COLUMNS = 16, TL_SHOW_CURVE = 64 * 3 + 1 };
 
 /* Table of cells, printed with columns as wide as necessary. */

@@ -39,7 +39,7 @@ static inline tl_time tl_config_duration(double seconds) {
     return duration > 0 ? duration : 1;
 }
 
-enum { TL_CONFIG_KEYS = 24 }; /* most keys of one object of the format */
+enum { TL_CONFIG_KEYS = 24 }; /* maximum number of keys of one object of the format */
 
 struct tl_config; /* config.h */
 

@@ -11,8 +11,9 @@
  *          standing correction, an integrator in the model may add the same change to each. So the
  *          plant moves if the second difference of three releases in a row exceeds 3 tolerances and
  *          3 times the smallest change of the readings. Only releases count that begin R/4 after
- *          the start of the run, and R/4 after the last step out of tolerance. So a frozen sensor
- *          is found after 1.75 R to 2.75 R; R is 6 s at a step of 10 ms.
+ *          the start of the run, and R/4 after the last step out of tolerance; R is the duration of
+ *          a release (`release_s`), 6 s at a step of 10 ms. So a frozen sensor is found after 1.75
+ *          R to 2.75 R.
  * Learned: a run in which releases were compared and nothing moved is not counted as longest run:
  *          the plant was at rest. A frozen run neither.
  * Ends:    with the first reading that has another value. Samples of earlier instants stay marked.

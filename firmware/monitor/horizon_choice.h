@@ -39,7 +39,7 @@ enum { TL_HORIZON_TRIALS = 12 }; /* maximum number of trials */
 typedef struct tl_horizon_trial {
     uint32_t prediction;       /* T_P, steps */
     bool rests;                /* `free_twin` is on: u may stay nominal */
-    char fault[TL_ERROR_TEXT]; /* why it has no result; "": it has one */
+    char fault[TL_ERROR_TEXT]; /* why the trial has no result; "": it has a result */
     tl_released_counts released;
     uint64_t steps;
     uint64_t corrected; /* of these: with Δu ≠ 0 */

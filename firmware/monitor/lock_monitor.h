@@ -53,8 +53,9 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
  * Purpose:   in lock, y agrees with ŷ even if a signal is miswired or the model is wrong, because u
  *            is corrected until it does. A released twin (master/sync/released_twin.h) shows what
  *            the corrections hide.
- * Block:     R/4 steps whose released twin is at least R/4 old. Without released twins 150 steps,
- *            with an event horizon ten strokes. At its end each error is a root mean square.
+ * Block:     R/4 steps whose released twin is at least R/4 old (R: duration of a release). Without
+ *            released twins 150 steps, with an event horizon ten strokes. At its end each error is
+ *            a root mean square.
  * Corrected: the released twin is off by a tolerance or more, or the mean Δu of a Real variable
  *            differs from the approved correction by at least its `step`.
  * Worse:     in TL_RELEASE_SURE blocks in a row the locked twin is further from the plant than the

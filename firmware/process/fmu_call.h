@@ -17,7 +17,7 @@
 #include <stdint.h>
 
 enum {
-    TL_FMU_CALL_FMUS = 128, /* most names; further FMUs share the last one */
+    TL_FMU_CALL_FMUS = 128, /* maximum number of names; further FMUs share the last one */
     TL_FMU_CALL_NAME = 64
 };
 

@@ -30,7 +30,7 @@ enum {
     TL_HEARTBEAT_STATUS = 512
 };
 
-/* Most silence that one poll can add, ns. If more time has passed since the last poll, only this
+/* Longest silence that one poll can add, ns. If more time has passed since the last poll, only this
  * much is added. */
 #define TL_HEARTBEAT_POLL (TL_SECOND / 5)
 

@@ -49,7 +49,7 @@ typedef struct tl_run_figures {
     tl_run_adjusted adjust[TL_MAX_ADJUST];
     tl_run_component ledger[TL_RECORDER_COMPONENTS];
     size_t ledger_count; /* 0: there is no ledger */
-    uint32_t nodes_peak; /* most nodes used at once in the cache of one component; 0: not known */
+    uint32_t nodes_peak; /* maximum number of nodes used at once in the cache of one component; 0: not known */
 } tl_run_figures;
 
 /* Adds a committed step. `period`: T_S, ns; a longer step is `late`. A step with an unknown

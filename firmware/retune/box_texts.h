@@ -11,7 +11,7 @@
 #ifndef TL_FIRMWARE_RETUNE_BOX_TEXTS_H
 #define TL_FIRMWARE_RETUNE_BOX_TEXTS_H
 
-/* Most bytes of the list; size of `fault`. */
+/* Maximum number of bytes of the list; size of `fault`. */
 enum { TL_BOX_LIST_MOST = 65536, TL_BOX_FAULT = 512 };
 
 /* Returns the text of the list; the caller calls free(). Returns NULL if there is no list, or if it

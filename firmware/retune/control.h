@@ -32,7 +32,7 @@
 
 enum {
     TL_CONTROL_PROTOCOL = 2,      /* version of this protocol: both sides must have the same */
-    TL_CONTROL_MOST = 256 * 1024, /* most bytes of a configuration's text */
+    TL_CONTROL_MOST = 256 * 1024, /* maximum number of bytes of a configuration's text */
     TL_CONTROL_NAME = 64,         /* of a user or a plant; sizes of all texts include the NUL */
     TL_CONTROL_WHY = 256,         /* a user's reason for a change, or a result */
     TL_CONTROL_PATH = 256,        /* a JSON path */

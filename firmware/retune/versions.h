@@ -42,7 +42,7 @@
  * Thread:  one thread; only one process at a time may have the folder open.
  */
 
-/* Most versions and bytes of texts; sizes of `who` and of a reason. */
+/* Maximum number of versions, and of bytes of all texts; sizes of `who` and of a reason. */
 enum { TL_VERSIONS_MOST = 50, TL_VERSIONS_BYTES = 16 * 1024 * 1024, TL_VERSION_WHO = 64, TL_VERSION_WHY = 256 };
 
 /* Result of a version. */

@@ -27,8 +27,8 @@
 
 #include "master/base/status.h"
 
-/* Most threads of an FMU that are watched, most keys of thread-specific values, most
- * descriptors, and most streams that are only written. */
+/* Maximum numbers: of an FMU's threads that are watched, of keys of thread-specific values, of
+ *                  descriptors, and of streams that are only written. */
 enum { TL_FMU_HEAP_THREADS = 16, TL_FMU_HEAP_KEYS = 32, TL_FMU_HEAP_DESCRIPTORS = 1024, TL_FMU_HEAP_LOGS = 32 };
 
 typedef struct tl_fmu_heap_thread {

@@ -98,9 +98,9 @@ typedef struct tl_fmu_history_call {
 
 /* Fields are private. Zeroed: not open. */
 typedef struct tl_fmu_history {
-    uint32_t most; /* most steps from the root */
+    uint32_t most; /* maximum number of steps from the root */
     uint32_t call_count;
-    size_t size; /* most bytes of values that one call sets */
+    size_t size; /* maximum number of bytes of values that one call sets */
     tl_fmu_history_call *calls;
     unsigned char *values; /* of each call */
     uint32_t free_call;
@@ -173,7 +173,7 @@ typedef enum tl_fmu_replay_phase {
 
 /* Zeroed, except the fields before `phase`: ready to begin. */
 typedef struct tl_fmu_replay {
-    uint32_t most;                               /* most steps from the start that can be rolled back */
+    uint32_t most;                               /* maximum number of steps from the start that can be rolled back */
     tl_fmi2_replay *results;                     /* results, for the FMU's caller (fmi2.h) */
     const tl_fmi2 *functions;                    /* the functions by which calls are repeated */
     fmi2Component instance;                      /* the instance for these calls */

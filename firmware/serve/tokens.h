@@ -56,7 +56,7 @@ void tl_token_delays_add(tl_token_delays *delays, const tl_address *address, tl_
  * Thread:  one.
  */
 
-/* Most tokens. Bytes of a name and of a secret, with the NUL. */
+/* Maximum number of tokens. Bytes of a name and of a secret, with the NUL. */
 enum { TL_TOKENS = 64, TL_TOKEN_NAME = 32, TL_TOKEN_SECRET = 65 };
 
 #define TL_TOKENS_FILE "/etc/twinlock-serve/tokens"

@@ -25,7 +25,7 @@
  * Thread: plain data.
  */
 
-/* Most events that wait; a power of two. */
+/* Maximum number of events that wait; a power of two. */
 enum { TL_RECORDER_EVENTS = 512 };
 enum { TL_EVENT_SOURCE = 32, TL_EVENT_TEXT = 224 };
 

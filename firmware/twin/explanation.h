@@ -4,9 +4,9 @@
  *          on. Then it runs the twin again from the mark, without corrections, once for each
  *          candidate with a small change from the onset on, and lets the score test
  *          (monitor/score_test.h) decide.
- * Window:  the mark is five reactions R before the onset. The first R lets errors of the state
- *          fade, the others show the noise. The window ends ten R after the onset, with the record,
- *          or at the next finding. R is that of the released twins.
+ * Window:  R is the duration of a release (`release_s`), longer than the plant's reaction. The mark
+ *          is 5 R before the onset. In the first R, errors of the state fade; the others show the
+ *          noise. The window ends 10 R after the onset, with the record, or at the next finding.
  * Causes:  of each adjusted variable and each further input that a signal feeds: offset and gain.
  *          Of each tunable parameter: a relative change. Of the sensor of each matched or compared
  *          output: offset, gain, delay and, if its readings repeat, freeze. A fixed parameter
@@ -26,7 +26,7 @@
 #include "firmware/twin/twin_step.h"
 #include "master/twin/account.h"
 
-/* What to explain. Steps, all from t_start. */
+/* The change to explain. Steps count from t_start. */
 typedef struct tl_explanation_order {
     int64_t onset;
     int64_t spread;    /* of the onset */
@@ -39,7 +39,7 @@ typedef struct tl_explanation_window {
     int64_t mark, learn, onset, end; /* steps; `end` is one after the last */
 } tl_explanation_window;
 
-enum { TL_EXPLANATION_AFTER = 10 }; /* reactions after the onset */
+enum { TL_EXPLANATION_AFTER = 10 }; /* multiples of R after the onset */
 
 /* R in steps, from `released_steps` of the configuration; 600 if that is 0. */
 int64_t tl_explanation_reaction(uint32_t released_steps);

@@ -37,7 +37,7 @@ typedef struct tl_sequence_cache {
     size_t value_size;
     uint32_t capacity;
     uint32_t count; /* nodes in use */
-    uint32_t peak;  /* most nodes ever in use */
+    uint32_t peak;  /* maximum number of nodes ever in use */
     uint32_t free;  /* first free node */
     uint32_t spare_count;
     fmi2FMUstate *spare; /* state handles without a node; handles of dropped nodes are added here */

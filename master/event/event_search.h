@@ -71,7 +71,7 @@ typedef struct tl_event_search_settings {
     double lower;
     double upper;
     uint32_t stagnation;  /* candidates without progress that stop the solver; 0: TL_EVENT_STAGNATION */
-    uint32_t evaluations; /* most candidates of a search */
+    uint32_t evaluations; /* maximum number of candidates of a search */
 } tl_event_search_settings;
 
 /* Returns false if memory is out. */

@@ -28,7 +28,7 @@ enum { TL_STATES_LEAST = 2 };
 /* One component. */
 typedef struct tl_state_room {
     size_t size;   /* bytes of one state; 0: not known, and not counted */
-    uint32_t most; /* most states needed at once, ≥ TL_STATES_LEAST */
+    uint32_t most; /* maximum number of states needed at once, ≥ TL_STATES_LEAST */
     uint32_t kept; /* result: states that fit, TL_STATES_LEAST … most */
 } tl_state_room;
 

@@ -192,7 +192,8 @@ typedef enum tl_shape {
 typedef struct tl_plan_saving {
     bool structure; /* approach 1: executes nothing that cannot reach a matched output (Γ_k, eq. 4.5); default: true */
     bool sequences; /* approach 2: executes nothing whose input sequence is known; default: true */
-    uint32_t nodes; /* most input sequences per component; 0: as many as horizon and budget can need, ≤ 4096 */
+    uint32_t
+        nodes; /* maximum number of input sequences per component; 0: as many as horizon and budget can need, ≤ 4096 */
 } tl_plan_saving;
 
 /* Edge of a Boolean signal of the plant; rising, unless `falls`. */
@@ -273,7 +274,8 @@ typedef struct tl_plan {
     /* ≥ 0, in tolerances: a variable is not identifiable if its `step` moves no matched output by
      * this much. It is then held at nominal in this step. 0: no such check. Default: 0.001. */
     double noise_floor;
-    uint32_t evaluations; /* most evaluations per step; 0: 60; caches and ledger have room for at least 60 */
+    uint32_t
+        evaluations; /* maximum number of evaluations per step; 0: 60; caches and ledger have room for at least 60 */
     tl_plan_saving saving;
     uint32_t verify_every; /* committed steps between two verifications by tl_twin_verify(); 0: none; default: 400 */
     uint32_t free_twin;    /* free-run check: `guard` of tl_free_twin_init(); 0: no check; not with an event horizon */

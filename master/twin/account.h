@@ -78,7 +78,7 @@ typedef struct tl_account {
     uint64_t differed;
     tl_free_twin_counts free_twin;
     uint32_t released_state; /* tl_released_state */
-    uint32_t released_steps; /* R */
+    uint32_t released_steps; /* R: steps of a release */
     tl_released_counts released;
     uint64_t replayed;          /* steps that rollback by replay executed again; no other count includes them */
     tl_account_finding finding; /* the newest finding */

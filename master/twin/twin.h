@@ -53,8 +53,9 @@ typedef struct tl_twin_facts {
     bool rollback_inexact;              /* the proof has failed: the rollback of an FMU is not exact */
     const char *inexact_component;      /* the component for which it failed; NULL: none, or not known */
     uint64_t proved_executions;         /* executions of the proof; no other count includes them */
-    const char *runs_free; /* the twin runs free, because this component cannot be rolled back; NULL: it does not */
-    uint64_t verified;     /* number of verifications (tl_twin_verify()) */
+    const char
+        *runs_free; /* the twin runs free, because this component cannot be rolled back; NULL: it does not run free */
+    uint64_t verified;            /* number of verifications (tl_twin_verify()) */
     uint64_t verified_executions; /* executions for them; no other count includes them */
     uint64_t differed;            /* verifications that found a difference */
     bool has_free_twin;           /* the free-run check is on; before the start: it is configured */

@@ -30,7 +30,7 @@ struct tl_twin {
     const tl_port *match_ports[TL_MAX_MATCH];
     const tl_port *adjust_ports[TL_MAX_ADJUST];
     uint32_t *capacity; /* nodes of each component's cache; NULL: no caches */
-    uint64_t *worst;    /* most nodes that each cache could need at once */
+    uint64_t *worst;    /* maximum number of nodes that each cache could need at once */
     const tl_port *outputs[TL_MAX_SIGNALS];
     tl_metrics metrics[TL_MAX_MATCH];
     tl_metrics released[TL_MAX_MATCH];       /* see tl_twin_released() */
@@ -49,7 +49,7 @@ struct tl_twin {
     tl_time step;             /* T_S, ns */
     tl_experiment experiment; /* in use */
     uint32_t lead;            /* step i is computed at tick i + lead */
-    uint32_t age;             /* largest number of ticks by which a look-up goes back */
+    uint32_t age;             /* largest age of a sample that a look-up uses, ticks */
     int64_t first;            /* first step: the FMUs are initialised at its instant */
     int64_t begin;            /* tick at which they are initialised */
     uint64_t state_bytes;     /* bound for saved states, bytes; 0: no bound */
@@ -61,7 +61,8 @@ struct tl_twin {
     uint64_t bad_at_start; /* as in a record: outputs that were not finite after the initialisation */
     bool resets;           /* the FMUs must be reset before the next step */
     uint64_t unsaved;      /* as tl_twin_unsaved() */
-    const char *runs_free; /* the twin runs free, because this component cannot be rolled back; NULL: it does not */
+    const char
+        *runs_free; /* the twin runs free, because this component cannot be rolled back; NULL: it does not run free */
     tl_verifier verifier;
     tl_free_twin free_twin;
     tl_released_twin released_twin;
