@@ -15,14 +15,9 @@
 
 #include "master/base/status.h"
 
-<<<<<<< HEAD
-/* Most options of one verb; most values of an option that may be given several times. */
-enum { TL_OPTIONS_MOST = 80, TL_OPTION_LIST = 8 };
-=======
 /* Maximum number of options of one verb, and of values of an option that may be given several
  * times. */
-enum { TL_OPTIONS_MOST = 64, TL_OPTION_LIST = 8 };
->>>>>>> b964f5dd (headers: maximum number for most, and R where it is used)
+enum { TL_OPTIONS_MOST = 80, TL_OPTION_LIST = 8 };
 
 /* A verb: the first word of the command line. */
 typedef struct tl_verb_row {

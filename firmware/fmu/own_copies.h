@@ -49,7 +49,7 @@ typedef struct tl_elf_file {
     size_t entry_count; /* of the dynamic section, without its end mark */
     size_t strings;     /* offset of the string table */
     size_t strings_size;
-    size_t symbols; /* offset of the symbol table */
+    size_t symbols;      /* offset of the symbol table */
     size_t symbol_count; /* public */
 } tl_elf_file;
 

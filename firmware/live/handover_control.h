@@ -41,7 +41,7 @@ typedef struct tl_handover_control {
     const tl_block *candidate;
     const tl_live_recorder_status *recorder; /* NULL: nothing is recorded */
     tl_time step;                            /* of the run, ns; it does not change */
-    bool unconfined;                         /* permits components with `unconfined`: FMUs with all rights of the user */
+    bool unconfined; /* permits components with `unconfined`: FMUs with all rights of the user */
     void *context;
     void (*report)(void *context, const char *text); /* reports a handover: log and event */
     bool holds;                                      /* safe hold; set by the caller, also later */

@@ -99,9 +99,8 @@ static bool has_room(const tl_record_queue *queue, size_t size) {
     return waiting <= queue->settings.ring_bytes && queue->settings.ring_bytes - waiting >= size;
 }
 
-static tl_recorder_ring_writer pen_of(const tl_record_queue *queue) {
-    return (tl_recorder_ring_writer){
-        .bytes = queue->ring, .capacity = queue->settings.ring_bytes, .position = queue->written};
+static tl_ring_writer pen_of(const tl_record_queue *queue) {
+    return (tl_ring_writer){.bytes = queue->ring, .capacity = queue->settings.ring_bytes, .position = queue->written};
 }
 
 /* Publishes all entries. If the producer dies between the two stores, no sample waits. */
@@ -122,7 +121,7 @@ static void skip_to_reader(tl_record_queue *queue) {
     }
 }
 
-static void publish_entry(tl_record_queue *queue, const tl_recorder_ring_writer *pen) {
+static void publish_entry(tl_record_queue *queue, const tl_ring_writer *pen) {
     queue->written = pen->position;
     publish_all(queue);
 }
@@ -138,7 +137,7 @@ static bool put_waiting_start(tl_record_queue *queue) {
     if (!has_room(queue, tl_recorder_entry_size_of_start(control->start.holds))) {
         return false;
     }
-    tl_recorder_ring_writer pen = pen_of(queue);
+    tl_ring_writer pen = pen_of(queue);
     tl_recorder_entry_pack_start(&pen, &control->start, queue->id);
     publish_entry(queue, &pen);
     control->start_waits = false;
@@ -147,7 +146,7 @@ static bool put_waiting_start(tl_record_queue *queue) {
 
 /* Finds room for an entry of this kind (a sample: with its step). Counts a loss if there is none.
  */
-static bool find_room(tl_record_queue *queue, tl_recorder_kind kind, tl_recorder_ring_writer *pen) {
+static bool find_room(tl_record_queue *queue, tl_recorder_kind kind, tl_ring_writer *pen) {
     size_t size = tl_recorder_entry_size(&queue->settings.shape, kind);
     size_t step = kind == TL_ENTRY_SAMPLE ? tl_recorder_entry_size(&queue->settings.shape, TL_ENTRY_STEP) : 0;
     bool found = put_waiting_start(queue) && has_room(queue, size + step);
@@ -244,7 +243,7 @@ bool tl_record_queue_put_start(tl_record_queue *queue, const tl_record_queue_sta
 }
 
 bool tl_record_queue_put_sample(tl_record_queue *queue, const tl_sample *sample) {
-    tl_recorder_ring_writer pen;
+    tl_ring_writer pen;
     bool found = find_room(queue, TL_ENTRY_SAMPLE, &pen);
     if (found) {
         publish_all(queue);
@@ -257,7 +256,7 @@ bool tl_record_queue_put_sample(tl_record_queue *queue, const tl_sample *sample)
 }
 
 bool tl_record_queue_put_step(tl_record_queue *queue, const tl_record *record, const tl_recorder_component *ledger) {
-    tl_recorder_ring_writer pen;
+    tl_ring_writer pen;
     bool found = find_room(queue, TL_ENTRY_STEP, &pen);
     if (found) {
         tl_recorder_entry_pack_step(&pen, &queue->settings.shape, record, ledger);
@@ -274,7 +273,7 @@ bool tl_record_queue_has_room_for_tuning(const tl_record_queue *queue) {
 }
 
 static bool put_part(tl_record_queue *queue, tl_recorder_kind kind, const void *is_broken, size_t size) {
-    tl_recorder_ring_writer pen;
+    tl_ring_writer pen;
     bool found = find_room(queue, kind, &pen);
     if (found) {
         tl_recorder_entry_pack_part(&pen, kind, is_broken, size);
@@ -433,9 +432,8 @@ void tl_record_queue_put_checkpoint(tl_record_queue *queue, int64_t tick, size_t
 
 /* ---- For a successor ---- */
 
-static tl_recorder_ring_reader page_of(const tl_record_queue *queue) {
-    return (tl_recorder_ring_reader){
-        .bytes = queue->ring, .capacity = queue->settings.ring_bytes, .end = queue->written};
+static tl_ring_reader page_of(const tl_record_queue *queue) {
+    return (tl_ring_reader){.bytes = queue->ring, .capacity = queue->settings.ring_bytes, .end = queue->written};
 }
 
 /* Returns the number of the valid checkpoint in a slot; 0: none. */
@@ -489,7 +487,7 @@ bool tl_record_queue_saved_checkpoint(const tl_record_queue *queue, unsigned whi
 }
 
 bool tl_record_queue_saved_entry(const tl_record_queue *queue, uint64_t *position, tl_recorder_entry *entry) {
-    tl_recorder_ring_reader page = page_of(queue);
+    tl_ring_reader page = page_of(queue);
     return is_kept(queue, queue->written, *position) && *position != queue->written &&
            tl_recorder_entry_unpack(&page, &queue->settings.shape, position, entry) == NULL;
 }
@@ -509,7 +507,7 @@ static void mend_ring(tl_record_queue *queue) {
     bool sound = end - taken <= queue->settings.ring_bytes;
     queue->written = end;
     queue->published = taken;
-    tl_recorder_ring_reader page = page_of(queue);
+    tl_ring_reader page = page_of(queue);
     while (sound && position != end) {
         uint64_t before = position;
         sound = tl_recorder_entry_unpack(&page, &queue->settings.shape, &position, &entry) == NULL;
@@ -651,7 +649,7 @@ uint64_t tl_record_queue_reader_skip(tl_record_queue_reader *reader, uint64_t ta
 
 bool tl_record_queue_reader_entry(tl_record_queue_reader *reader, uint64_t *position, uint64_t end,
                                   tl_recorder_entry *entry) {
-    const tl_recorder_ring_reader page = {.bytes = reader->ring, .capacity = reader->settings.ring_bytes, .end = end};
+    const tl_ring_reader page = {.bytes = reader->ring, .capacity = reader->settings.ring_bytes, .end = end};
     if (reader->is_ring_broken) {
         return false;
     }

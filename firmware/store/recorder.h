@@ -5,16 +5,14 @@
  *          writer (recorder_writer.h) every settings.commit, or earlier if the queue is half full.
  *          Schema: config/SPEC.md, "Database".
  * Loss:    synchronous=FULL, so committed data survives a power cut. A power cut or a kill loses
- *          uncommitted data: at most the last `commit` interval, or what waits in the queue if the
- *          disk is slower than the run.
+ *          uncommitted data: at most the last `commit` interval, or the queue if the disk is slow.
  * Bound:   `max_bytes` for database and write-ahead log together. The oldest runs are removed
  *          first, then the oldest ticks of the present run.
  * Faults:  a full disk or a locked database is reported once, in the log and as an event. Entries
  *          wait in the record queue, which has room for 30 s of steps, at most 16 MiB. If it is
- *          full, a put waits for at most settings.patience (default 2 s); then the entry is counted
- *          as lost. Writing is retried every `commit` interval. Success and the number of lost
- *          entries are reported as events too. A damaged, removed or moved file is replaced by a
- *          new one.
+ *          full, a put waits for settings.patience (default 2 s); then the entry is lost. Writing
+ *          is retried every `commit` interval. Success and the number of lost entries are events
+ *          too. A damaged, removed or moved file is replaced by a new one.
  * Writers: one per database, enforced by a lock file; any number of readers.
  * Owner:   tl_recorder_open() allocates, tl_recorder_close() frees.
  * Thread:  put_*: one producer thread. event() and counts: any thread. open and close: one thread;
@@ -70,16 +68,14 @@ tl_recorder_counts tl_recorder_get_counts(const tl_recorder *recorder);
 /* Returns the highest number of a finding that the database had when it was opened; 0: none. */
 uint32_t tl_recorder_last_finding(const tl_recorder *recorder);
 
-/* Writes the findings of the run, and the learnt state of the change detector, after all entries so
- * far. Call it at the end; a failure is only logged, because the recording does not depend on
- * it. */
+/* Writes findings and learnt state of the change detector after all entries so far. Call it at the
+ * end; a failure is only logged, because the recording does not depend on it. */
 void tl_recorder_put_changes(tl_recorder *recorder, const tl_run_changes *changes);
 
 /* Writes the remaining entries, ends the run with `reason` ("end of recording", "SIGTERM", …) and
- * closes. If the disk rejects writes, retries for at most settings.patience; then counts the
- * remaining entries as lost and fails with TL_TRY_AGAIN. The database then has no end time of the
- * run, and the next recorder marks the run as not ended cleanly. `counts` and `recorder` may be
- * NULL. */
+ * closes. If the disk rejects writes for settings.patience, counts the remaining entries as lost
+ * and fails with TL_TRY_AGAIN; the next recorder marks the run as not ended cleanly. `counts` and
+ * `recorder` may be NULL. */
 tl_status tl_recorder_close(tl_recorder *recorder, const char *reason, tl_recorder_counts *counts, tl_error *error);
 
 #endif

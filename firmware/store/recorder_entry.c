@@ -166,7 +166,7 @@ size_t tl_recorder_entry_largest(const tl_recorder_shape *shape) {
 
 /* ---- Packing ---- */
 
-static void put_bytes(tl_recorder_ring_writer *pen, const void *part, size_t size) {
+static void put_bytes(tl_ring_writer *pen, const void *part, size_t size) {
     pen->digest = tl_recorder_digest(pen->digest, part, size);
     size_t at = (size_t)(pen->position & (pen->capacity - 1));
     size_t first = size < pen->capacity - at ? size : pen->capacity - at;
@@ -175,29 +175,29 @@ static void put_bytes(tl_recorder_ring_writer *pen, const void *part, size_t siz
     pen->position += size;
 }
 
-static void put_parts(tl_recorder_ring_writer *pen, const tl_packed_part *parts, const tl_recorder_shape *shape,
+static void put_parts(tl_ring_writer *pen, const tl_packed_part *parts, const tl_recorder_shape *shape,
                       const void *from) {
     for (; parts->size != 0; parts++) {
         put_bytes(pen, (const unsigned char *)from + parts->at, bytes_of(parts, shape));
     }
 }
 
-static void put_byte(tl_recorder_ring_writer *pen, unsigned value) {
+static void put_byte(tl_ring_writer *pen, unsigned value) {
     unsigned char byte = (unsigned char)value;
     put_bytes(pen, &byte, 1);
 }
 
-static void put_kind(tl_recorder_ring_writer *pen, tl_recorder_kind kind) {
+static void put_kind(tl_ring_writer *pen, tl_recorder_kind kind) {
     pen->digest = pen->position;
     put_byte(pen, MARK + (unsigned)kind);
 }
 
-static void put_digest(tl_recorder_ring_writer *pen) {
+static void put_digest(tl_ring_writer *pen) {
     uint64_t digest = pen->digest;
     put_bytes(pen, &digest, sizeof digest);
 }
 
-void tl_recorder_entry_pack_start(tl_recorder_ring_writer *pen, const tl_record_queue_start *start, uint64_t id) {
+void tl_recorder_entry_pack_start(tl_ring_writer *pen, const tl_record_queue_start *start, uint64_t id) {
     put_kind(pen, TL_ENTRY_START);
     put_byte(pen, start->holds);
     put_bytes(pen, &start->resumption, sizeof start->resumption);
@@ -222,8 +222,8 @@ tl_time tl_recorder_entry_stamp(tl_time start, tl_time stamp) {
     return difference;
 }
 
-void tl_recorder_entry_pack_sample(tl_recorder_ring_writer *pen, const tl_recorder_shape *shape,
-                                   const tl_sample *sample, tl_time start, uint64_t id) {
+void tl_recorder_entry_pack_sample(tl_ring_writer *pen, const tl_recorder_shape *shape, const tl_sample *sample,
+                                   tl_time start, uint64_t id) {
     tl_sample relative = *sample;
     for (size_t i = 0; i < shape->plant; i++) {
         relative.stamps[i] = tl_recorder_entry_stamp(start, sample->stamps[i]);
@@ -235,7 +235,7 @@ void tl_recorder_entry_pack_sample(tl_recorder_ring_writer *pen, const tl_record
     put_digest(pen);
 }
 
-void tl_recorder_entry_pack_step(tl_recorder_ring_writer *pen, const tl_recorder_shape *shape, const tl_record *record,
+void tl_recorder_entry_pack_step(tl_ring_writer *pen, const tl_recorder_shape *shape, const tl_record *record,
                                  const tl_recorder_component *ledger) {
     put_kind(pen, TL_ENTRY_STEP);
     put_parts(pen, tl_packed_record, shape, record);
@@ -243,7 +243,7 @@ void tl_recorder_entry_pack_step(tl_recorder_ring_writer *pen, const tl_recorder
     put_digest(pen);
 }
 
-void tl_recorder_entry_pack_part(tl_recorder_ring_writer *pen, tl_recorder_kind kind, const void *part, size_t size) {
+void tl_recorder_entry_pack_part(tl_ring_writer *pen, tl_recorder_kind kind, const void *part, size_t size) {
     put_kind(pen, kind);
     put_bytes(pen, part, size);
     put_digest(pen);
@@ -253,7 +253,7 @@ void tl_recorder_entry_pack_part(tl_recorder_ring_writer *pen, tl_recorder_kind 
 
 /* Read position within an entry. */
 typedef struct cursor {
-    const tl_recorder_ring_reader *page;
+    const tl_ring_reader *page;
     uint64_t position;
     uint64_t digest;
 } cursor;
@@ -261,7 +261,7 @@ typedef struct cursor {
 /* Returns false if the part would exceed the end. Each byte is copied once and then not read from
  * the memory again. */
 static bool get_bytes(cursor *at, void *part, size_t size) {
-    const tl_recorder_ring_reader *page = at->page;
+    const tl_ring_reader *page = at->page;
     size_t from = (size_t)(at->position & (page->capacity - 1));
     size_t first = size < page->capacity - from ? size : page->capacity - from;
     if (page->end - at->position < size) {
@@ -346,8 +346,8 @@ static const char *check_digest(cursor *at) {
     return !get_bytes(at, &found, sizeof found) ? CUT : found == digest ? NULL : "an overwritten entry";
 }
 
-const char *tl_recorder_entry_unpack(const tl_recorder_ring_reader *page, const tl_recorder_shape *shape,
-                                     uint64_t *position, tl_recorder_entry *entry) {
+const char *tl_recorder_entry_unpack(const tl_ring_reader *page, const tl_recorder_shape *shape, uint64_t *position,
+                                     tl_recorder_entry *entry) {
     cursor at = {page, *position, *position};
     uint8_t kind = 0;
     const char *fault = get_bytes(&at, &kind, 1) ? "an entry of unknown kind" : CUT;

@@ -1,11 +1,9 @@
 /* Packs samples, records and queue entries into bytes, with only the signals that a run has.
  *
- * Purpose: a tl_sample has 1.1 kB; a plant with three signals needs 60 bytes of it. The record
- *          queue, the channel to the FMU process and the resume data of earlier runs (resume.h) use
- *          the same tables (tl_packed_part).
+ * Purpose: a tl_sample has 1.1 kB; a plant with three signals needs 60 bytes of it. Record queue,
+ *          channel to the FMU process and resume data (resume.h) use the same tables.
  * Format:  an entry is one byte for its kind, then its fields in sequence, then a digest
- *          (checksum). Writer and reader are the same program, so the format needs no version and
- *          no byte order.
+ *          (checksum). Writer and reader are the same program: no version, no byte order.
  * Trust:   the reader may be in another process than the writer. Kinds, enumerations, texts and the
  *          digest are validated, numbers are not. The digest detects accidental overwriting, but no
  *          forgery.
@@ -82,9 +80,8 @@ typedef enum tl_recorder_kind {
 
 /* Beginning of a run. */
 typedef struct tl_record_queue_start {
-    bool holds; /* safe hold: samples and events only */
-    tl_resumption
-        resumption; /* `start` and `started` are always valid. run < 0: resumes the previous run of this queue, whose id is not known here */
+    bool holds;                /* safe hold: samples and events only */
+    tl_resumption resumption;  /* `start` and `started` are always valid. run < 0: the queue's previous run */
     tl_account account;        /* of the twin; empty if `holds` */
     char fmus[TL_SHA256_TEXT]; /* tl_record_queue_name_fmus(); "": unknown */
     tl_run_tuning configured;  /* tl_record_queue_name_configuration(); hash "": unknown */
@@ -93,12 +90,11 @@ typedef struct tl_record_queue_start {
 /* About 20 kB: not for a small stack. */
 typedef struct tl_recorder_entry {
     tl_recorder_kind kind;
-    uint64_t id; /* TL_ENTRY_START, TL_ENTRY_SAMPLE: of the run */
-    tl_record_queue_start
-        start; /* TL_ENTRY_START; the account and the SHA-256 texts are validated, the tuning values are not */
-    tl_run_tuning tuning;                                 /* TL_ENTRY_TUNING; its values are not validated */
-    tl_sample sample;                                     /* TL_ENTRY_SAMPLE; without its instant */
-    tl_record record;                                     /* TL_ENTRY_STEP */
+    uint64_t id;                 /* TL_ENTRY_START, TL_ENTRY_SAMPLE: of the run */
+    tl_record_queue_start start; /* TL_ENTRY_START; account and SHA-256 texts are validated, tuning values are not */
+    tl_run_tuning tuning;        /* TL_ENTRY_TUNING; its values are not validated */
+    tl_sample sample;            /* TL_ENTRY_SAMPLE; without its instant */
+    tl_record record;            /* TL_ENTRY_STEP */
     tl_recorder_component ledger[TL_RECORDER_COMPONENTS]; /* TL_ENTRY_STEP: counts per component */
     char reason[TL_RECORDER_REASON];                      /* TL_ENTRY_END */
 } tl_recorder_entry;
@@ -114,40 +110,40 @@ size_t tl_recorder_entry_largest(const tl_recorder_shape *shape);
 
 /* Writer: ring memory, and the position of the next entry in it. Positions count bytes and never
  *         wrap; `capacity` is a power of two. */
-typedef struct tl_recorder_ring_writer {
+typedef struct tl_ring_writer {
     unsigned char *bytes;
     size_t capacity;
     uint64_t position;
     uint64_t digest; /* of the entry being written; any value at first */
-} tl_recorder_ring_writer;
+} tl_ring_writer;
 
 /* Write an entry; the caller has ensured room. Stamps of a sample are stored relative to `start`
  * (t_start, ns) and clamped to the range of tl_time. */
-void tl_recorder_entry_pack_start(tl_recorder_ring_writer *pen, const tl_record_queue_start *start, uint64_t id);
-void tl_recorder_entry_pack_sample(tl_recorder_ring_writer *pen, const tl_recorder_shape *shape,
-                                   const tl_sample *sample, tl_time start, uint64_t id);
-void tl_recorder_entry_pack_step(tl_recorder_ring_writer *pen, const tl_recorder_shape *shape, const tl_record *record,
+void tl_recorder_entry_pack_start(tl_ring_writer *pen, const tl_record_queue_start *start, uint64_t id);
+void tl_recorder_entry_pack_sample(tl_ring_writer *pen, const tl_recorder_shape *shape, const tl_sample *sample,
+                                   tl_time start, uint64_t id);
+void tl_recorder_entry_pack_step(tl_ring_writer *pen, const tl_recorder_shape *shape, const tl_record *record,
                                  const tl_recorder_component *ledger);
 
 /* Writes TL_ENTRY_TUNING or TL_ENTRY_END, which have one part. */
-void tl_recorder_entry_pack_part(tl_recorder_ring_writer *pen, tl_recorder_kind kind, const void *part, size_t size);
+void tl_recorder_entry_pack_part(tl_ring_writer *pen, tl_recorder_kind kind, const void *part, size_t size);
 
 /* Returns a stamp relative to `start`, as in an entry. */
 tl_time tl_recorder_entry_stamp(tl_time start, tl_time stamp);
 
 /* Reader: written bytes of the ring, up to position `end`, which is at most `capacity` bytes after
  *         the read position. */
-typedef struct tl_recorder_ring_reader {
+typedef struct tl_ring_reader {
     const unsigned char *bytes;
     size_t capacity;
     uint64_t end;
-} tl_recorder_ring_reader;
+} tl_ring_reader;
 
 /* Reads the entry at `*position`, which is before the end, and advances the position. Returns NULL,
  * or a text that describes the fault; then the position stays and the entry is undefined. Fields
  * beyond the shape are not set. */
-const char *tl_recorder_entry_unpack(const tl_recorder_ring_reader *page, const tl_recorder_shape *shape,
-                                     uint64_t *position, tl_recorder_entry *entry);
+const char *tl_recorder_entry_unpack(const tl_ring_reader *page, const tl_recorder_shape *shape, uint64_t *position,
+                                     tl_recorder_entry *entry);
 
 /* Continues a digest. An entry ends with the digest of its position and bytes, so that accidental
  * overwriting is detected. It costs one multiplication for 8 bytes, because the cycle computes it.

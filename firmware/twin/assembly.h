@@ -40,12 +40,11 @@ typedef struct tl_assembly {
     tl_twin *twin;
     bool
         trusts_states; /* set before the build: use the FMU's own states if they are exact, even if a memory copy is faster */
-    bool may_rerun; /* set before the build: as in tl_plan */
-    tl_recording_time
-        recorded;     /* set before the build: start, stop and length of the replayed recording; zeroed: unknown */
-    tl_tuning tuning; /* at the time of the build; tl_assembly_retune() does not change it */
-    tl_arena arena;   /* for all arrays above and for `files` */
-    tl_assembly_file *files; /* one per component; NULL: not opened yet */
+    bool may_rerun;             /* set before the build: as in tl_plan */
+    tl_recording_time recorded; /* set before the build: times of the replayed recording; zeroed: unknown */
+    tl_tuning tuning;           /* at the time of the build; tl_assembly_retune() does not change it */
+    tl_arena arena;             /* for all arrays above and for `files` */
+    tl_assembly_file *files;    /* one per component; NULL: not opened yet */
 } tl_assembly;
 
 /* Loads the FMUs and builds the twin. The configuration must be loaded; tl_assembly_open() may have
@@ -96,11 +95,12 @@ void tl_assembly_free(tl_assembly *assembly);
 /* ---- Paths that the FMUs of a configuration may read, in addition to the system paths that every
  * program needs.
  *
- * Purpose: a confined process can read only listed files. The list has three sources. The
- *          configuration: the libraries, the `reads` of a component, and texts in `set` that are
- *          file names. The environment: the folders that the dynamic loader, Python and the C
+ * Purpose: a confined process can read only listed files. The list has three sources. First, the
+ *          configuration: libraries, `reads` of a component, and texts in `set` that are file
+ *          names. Second, the environment: folders that the dynamic loader, Python and the C
  *          library (locales) search. Only absolute paths count. A home, a parent of a home, or a
- *          top folder such as /opt is ignored. An installation of Python: the files that it loads.
+ *          top folder such as /opt is ignored. Third, the files that an installation of Python
+ *          loads.
  * Owner:   the list owns its texts until tl_readable_paths_free().
  * Thread:  one thread.
  */

@@ -34,8 +34,7 @@
 
 enum {
     TL_RESUME_WHY = 160,
-    TL_RESUME_FRUITLESS =
-        3 /* maximum number of restarts in a row that compute no tick beyond the run that they resume */
+    TL_RESUME_FRUITLESS = 3 /* maximum number of restarts in a row without a new tick */
 };
 
 /* Writes the reason to `why` and returns false. */
@@ -129,9 +128,8 @@ int64_t tl_resume_ticks_last(const tl_resume_ticks *ticks, int64_t first);
 
 enum {
     TL_RESUME_TICKS = 5000, /* maximum number of ticks to follow; the recorder needs about 0.1 ms for each */
-    TL_RESUME_TUNINGS =
-        16, /* maximum number of tunings: the one that applies at the first tick, and the newest later ones */
-    TL_RESUME_TEXT = 224 /* of a message */
+    TL_RESUME_TUNINGS = 16, /* maximum number of tunings: that of the first tick, and the newest later ones */
+    TL_RESUME_TEXT = 224    /* of a message */
 };
 
 /* Largest size of an image, bytes. */
