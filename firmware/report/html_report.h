@@ -119,7 +119,8 @@ void tl_html_report_add_finding(tl_html_report *report, const tl_run_finding *ro
 void tl_html_report_set_trend(tl_html_report *report, const tl_trend *trend);
 
 /* Writes the page. Signals in `figures` must be in the order of the settings. `lock`: of the lock
- * monitor, zeroed if it is not known. `ended`: text of why the run ended. The caller checks the stream for write errors. */
+ * monitor, zeroed if it is not known. `ended`: text of why the run ended. The caller checks the
+ * stream for write errors. */
 void tl_html_report_write(const tl_html_report *report, const tl_run_figures *figures, const tl_lock_tally *lock,
                           const char *ended, FILE *file);
 
