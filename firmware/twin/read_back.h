@@ -6,8 +6,8 @@
  *          with the same FMUs. That process loads one component after the other and writes the
  *          results into the same block. If that process ends while it loads a component, the parent
  *          starts another one for the remaining components.
- * Trust:   both processes run the same FMUs, which can write to the block. So the parent does not
- *          read it, and only uses the exit status of the process.
+ * Trust:   both processes run the same FMUs, which can write to the block. The parent uses only the
+ *          exit status.
  * Thread:  the FMU thread, in either process.
  * Errors:  a failed test is an outcome, not an error.
  */
@@ -55,9 +55,8 @@ typedef struct tl_read_back_host {
     void *block; /* TL_READ_BACK_BYTES bytes */
 } tl_read_back_host;
 
-/* Runs the test in the FMU process, between two ticks, for a twin that has begun; the twin is
- * unchanged afterwards. If `host` is NULL or the twin cannot save its state, nothing is tested
- * (`is_tried` false). */
+/* Runs the test in the FMU process between two ticks; the twin is unchanged afterwards. If `host`
+ * is NULL or the twin cannot save its state, nothing is tested. */
 void tl_read_back_run(const tl_assembly *assembly, const tl_read_back_host *host, tl_read_back_report *report);
 
 /* Returns true if a checkpoint of a component with this outcome cannot be used. */
