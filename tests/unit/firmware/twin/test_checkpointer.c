@@ -137,7 +137,7 @@ static void test_after_the_first_tick_and_then_every_ten_seconds(void) {
     begin(MUCH);
     play(2 * INTERVAL + 20, 0);
     close_recorder();
-    TEST_ASSERT_EQUAL_STRING("100, 200",
+    TEST_ASSERT_EQUAL_STRING("0, 100, 200",
                              tl_sql_text(path, "SELECT group_concat(tick, ', ') FROM checkpoints ORDER BY tick"));
     expect_event("", 0);
 }
@@ -170,7 +170,7 @@ static void test_soon_after_a_reset_of_the_fmus(void) {
     TEST_ASSERT_EQUAL_INT64(1, checkpoints());
     play(INTERVAL + 5, 0);
     close_recorder();
-    TEST_ASSERT_EQUAL_STRING("35, 135",
+    TEST_ASSERT_EQUAL_STRING("0, 35, 135",
                              tl_sql_text(path, "SELECT group_concat(tick, ', ') FROM checkpoints ORDER BY tick"));
     expect_event("", 0);
 }
@@ -196,7 +196,7 @@ static void test_one_takes_long(void) {
     delay = 0;
     play(5 * INTERVAL, 0);
     close_recorder();
-    TEST_ASSERT_EQUAL_STRING("100, 501",
+    TEST_ASSERT_EQUAL_STRING("0, 100, 501",
                              tl_sql_text(path, "SELECT group_concat(tick, ', ') FROM checkpoints ORDER BY tick"));
     expect_event("", 0);
 }
