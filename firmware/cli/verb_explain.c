@@ -22,10 +22,11 @@
 #include "firmware/twin/twin_recorder.h"
 
 enum {
-    ROWS = 8,                   /* of the table, besides the set */
-    NAMED = 4,                  /* further causes in the sentence */
-    NAME_WIDTH = 26,            /* columns of a name in a table */
-    GIVEN_SPREAD = 10,          /* steps: spread of an onset that the user gives */
+    ROWS = 8,          /* of the table, besides the set */
+    NAMED = 4,         /* further causes in the sentence */
+    NAME_WIDTH = 26,   /* columns of a name in a table */
+    GIVEN_SPREAD = 10, /* steps: spread of an onset that the user gives */
+    MIB = 1024 * 1024,
     EXPLAINER_CALL_LIMIT = 600, /* s: in a live run, where the process gets the rest of the processor time */
     TEXT = 256
 };
@@ -35,6 +36,7 @@ static const double ALIKE = 0.95;
 
 typedef struct explain_verb {
     tl_verb_job *job;
+    bool is_live; /* of a live run: also explains findings before the named one that belong to it */
     tl_history *history;
     const tl_history_run *run;
     int64_t started; /* t_start of a live run, ms since 1970 UTC; 0: of a replay */
@@ -78,15 +80,14 @@ static const tl_history_finding *choose_finding(const explain_verb *self) {
 }
 
 /* One cause may give several findings, one after the other: the first of them tells the onset. An
- * earlier one counts if it was still open, or not long ago, and if its onset is recorded. */
+ * earlier one counts if it began not long before, and if its onset is recorded. */
 static const tl_history_finding *find_first(const explain_verb *self, const tl_history_finding *last) {
     const tl_history_finding *first = last;
     double far = TL_EXPLANATION_AFTER * to_seconds(self, (double)self->reaction);
     double least = to_seconds(self, (double)(self->job->order.explain.least + self->reaction));
     for (const tl_history_finding *one = last; one-- > self->findings;) {
         double onset = first->row.onset;
-        bool was_open = isfinite(one->row.gone) ? one->row.gone > onset : tl_changes_is_open(&one->row);
-        bool is_linked = one->run == last->run && (was_open || one->row.onset > onset - far) && one->row.onset > least;
+        bool is_linked = one->run == last->run && one->row.onset > onset - far && one->row.onset > least;
         first = is_linked && one->row.onset < onset ? one : first;
     }
     return first;
@@ -114,7 +115,8 @@ static void avoid_others(const explain_verb *self, const tl_history_finding *fir
 
 static void order_finding(explain_verb *self, const tl_history_finding *chosen) {
     tl_explanation_order *order = &self->job->order.explain;
-    const tl_history_finding *first = self->job->options->finding != 0 ? chosen : find_first(self, chosen);
+    bool is_alone = self->job->options->finding != 0 && !self->is_live;
+    const tl_history_finding *first = is_alone ? chosen : find_first(self, chosen);
     const tl_run_finding *row = &first->row;
     /* What was found late is dated badly. */
     double spread = fmax(isfinite(row->onset_spread) ? row->onset_spread : 0.0, (row->found - row->onset) / 2.0);
@@ -632,8 +634,9 @@ static tl_status explain(explain_verb *self) {
     return status == TL_OK && job->output != NULL ? print_result(self, job->output, &job->error) : status;
 }
 
-static tl_status run_job(const tl_options *options, tl_verb_job *job) {
+static tl_status run_job(const tl_options *options, bool is_live, tl_verb_job *job) {
     static explain_verb self; /* large */
+    self.is_live = is_live;
     job->options = options;
     job->order = (tl_twin_job){.task = TL_TASK_EXPLAIN, .attached = TL_ATTACHED_NONE};
     self.job = job;
@@ -645,7 +648,7 @@ static tl_status run_job(const tl_options *options, tl_verb_job *job) {
 
 int tl_verb_explain(const tl_options *options) {
     tl_verb_job job = {.output = tl_output_claim()};
-    return tl_verb_job_end(&job, run_job(options, &job));
+    return tl_verb_job_end(&job, run_job(options, false, &job));
 }
 
 /* A finding that cannot be explained is no failure of the run. */
@@ -658,11 +661,13 @@ int tl_explainer_role_run(void) {
     }
     const tl_options options = {.subject = setup.job.database,
                                 .beside = setup.config.path,
+                                .finding = setup.job.finding,
                                 .save = true,
+                                .memory_limit_mib = (setup.job.memory_limit + MIB - 1) / MIB,
                                 .unconfined = setup.job.unconfined,
                                 .call_limit_s = EXPLAINER_CALL_LIMIT};
     tl_role_open_program();
-    status = run_job(&options, &job);
+    status = run_job(&options, true, &job);
     if (status != TL_OK && job.error.text[0] != '\0') {
         tl_log(TL_LOG_NOTICE, "the finding could not be explained: %s", job.error.text);
         job.error.text[0] = '\0';

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <poll.h>
 #include <stdio.h>
+#include <string.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -36,7 +37,9 @@ static void add_corrections(tl_json_writer *json, const tl_run_status *now, cons
     for (size_t i = 0; i < now->corrections; i++) {
         const tl_run_correction *one = &now->correction[i];
         const tl_run_correction *old = &before->correction[i];
-        tl_json_add_number(json, one->name, mean_of(one->sum, old->sum, one->count, old->count));
+        bool is_same = strcmp(one->name, old->name) == 0; /* else another twin has taken over */
+        tl_json_add_number(json, one->name,
+                           is_same ? mean_of(one->sum, old->sum, one->count, old->count) : (double)NAN);
     }
     tl_json_close(json);
 }

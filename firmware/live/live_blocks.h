@@ -141,6 +141,7 @@ typedef struct tl_live_recorder_status {
     uint32_t drained;                /* newest handover before which all is recorded (old queue empty) */
     uint32_t open_findings;          /* of the change detector */
     uint32_t explanations;           /* number of explanations that were due (live_detection.h) */
+    uint32_t due_finding;            /* number of the finding for the newest one */
     tl_recorder_writer_state state;
     tl_live_resume_answer answer[TL_TWIN_SLOTS]; /* to the twin in each slot */
 } tl_live_recorder_status;
@@ -189,6 +190,7 @@ typedef struct tl_live_job {
     uint64_t memory_limit;                    /* config manager: bytes for an FMU process; 0: default */
     uint32_t slot_index;                      /* slot of: itself (twin); its twin (recorder); the live twin (others) */
     char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* of the configuration in each slot; "": none */
+    uint32_t finding;                         /* explainer: number of the finding */
     /* for the start of a twin: */
     uint32_t number;    /* of this process in its slot, from 1 */
     bool is_shadow;     /* it is a shadow, until a handover makes it the live twin */

@@ -2,6 +2,7 @@
 #include "firmware/live/live_detection.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -29,14 +30,13 @@ struct tl_live_detection {
     tl_time stored;  /* when it was stored last */
     tl_time interval;
     tl_time accepted; /* when it was asked last what a user has accepted */
-    double counted;   /* instant up to which explanations were counted, s since t_start */
-    uint32_t explanations;
-    bool is_watched; /* the present run has a twin */
-    bool is_stray;   /* the newest sample was of another run */
-    bool is_read;    /* what was learnt before was read, or there is nothing */
-    bool is_due;     /* a finding has changed */
-    bool is_new;     /* learning has begun at zero */
-    bool is_removed; /* a user has removed it, and no row was stored since then */
+    double checked;   /* instant of the last check for due explanations, s since t_start; NaN: none yet */
+    bool is_watched;  /* the present run has a twin */
+    bool is_stray;    /* the newest sample was of another run */
+    bool is_read;     /* what was learnt before was read, or there is nothing */
+    bool is_due;      /* a finding has changed */
+    bool is_new;      /* learning has begun at zero */
+    bool is_removed;  /* a user has removed it, and no row was stored since then */
 };
 
 /* Findings are warnings; what follows needs no attention. */
@@ -75,7 +75,7 @@ static void begin_run(tl_live_detection *self, const tl_recorder_entry *entry) {
     self->run = entry->id;
     self->is_watched = !entry->start.holds;
     self->is_stray = false;
-    self->counted = 0.0;
+    self->checked = (double)NAN;
     if (!self->is_watched) {
         return;
     }
@@ -219,9 +219,10 @@ uint32_t tl_live_detection_count_open(const tl_live_detection *self) {
 }
 
 /* Only what the present run has recorded can be explained. A frozen signal explains itself. */
-uint32_t tl_live_detection_count_explanations(tl_live_detection *self) {
+uint32_t tl_live_detection_take_due(tl_live_detection *self) {
+    uint32_t number = 0;
     if (self->detector == NULL || !self->is_watched) {
-        return self->explanations;
+        return 0;
     }
     const tl_changes changes = tl_change_detector_get(self->detector);
     const double step = tl_seconds(self->config->step);
@@ -232,11 +233,11 @@ uint32_t tl_live_detection_count_explanations(tl_live_detection *self) {
         const double due[] = {finding->found + reaction, finding->onset + TL_EXPLANATION_AFTER * reaction};
         bool is_usable = tl_finding_is_open(finding) && finding->kind != TL_FINDING_FREEZE && finding->onset > 0.0;
         for (size_t k = 0; k < sizeof due / sizeof due[0] && is_usable; k++) {
-            self->explanations += self->counted < due[k] && due[k] <= now ? 1 : 0;
+            number = self->checked < due[k] && due[k] <= now ? finding->number : number;
         }
     }
-    self->counted = now;
-    return self->explanations;
+    self->checked = now;
+    return number;
 }
 
 void tl_live_detection_close(tl_live_detection *self) {

@@ -29,9 +29,10 @@ void tl_live_detection_observe(tl_live_detection *self, const tl_recorder_entry 
 /* Reads what was learnt before, and stores what is due. `at_end`: stores everything. */
 void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer, bool at_end);
 
-/* Returns how many explanations were due until now. One is due one reaction after a finding, and
- * another one when the record after its onset is as long as explanation.h uses. */
-uint32_t tl_live_detection_count_explanations(tl_live_detection *self);
+/* Returns the number of a finding whose explanation has become due since the last call; 0: none.
+ * One is due one reaction after a finding, and another one when the record after its onset is as
+ * long as explanation.h uses. */
+uint32_t tl_live_detection_take_due(tl_live_detection *self);
 
 /* Returns how many findings are open. */
 uint32_t tl_live_detection_count_open(const tl_live_detection *self);

@@ -34,6 +34,9 @@
 
 /* ---- data: used by the supervisor's thread, except in put_event() ---- */
 
+/* An explainer that runs longer is killed. */
+static const tl_time EXPLAINER_LIMIT = 6 * 3600 * TL_SECOND;
+
 typedef struct tl_process_tree {
     const tl_process_tree_settings *settings;
     tl_config config;                /* as in the processes, with the options of the command line */
@@ -57,6 +60,7 @@ typedef struct tl_process_tree {
     tl_child explainer;      /* pid 0: none */
     tl_heartbeats ignored;   /* of the explainer, which has none */
     uint32_t explanations;   /* number of explanations that were due at its last start */
+    tl_time explained;       /* its last start */
     FILE *output;
     int standard_output; /* descriptor */
     tl_time began;
@@ -420,13 +424,20 @@ static void update_explainer(tl_process_tree *self, bool ends) {
     tl_child *explainer = &self->explainer;
     tl_error error;
     const uint32_t due =
-        is_recorded(self) ? __atomic_load_n(&recorder_status(self)->explanations, __ATOMIC_RELAXED) : 0;
+        is_recorded(self) ? __atomic_load_n(&recorder_status(self)->explanations, __ATOMIC_ACQUIRE) : 0;
+    const tl_time now = tl_clock_now(NULL);
     if (explainer->pid != 0 && tl_child_has_ended(explainer)) {
         tl_child_reap(explainer);
     } else if (explainer->pid != 0 && ends) {
         tl_child_kill(explainer, INT64_MAX, "killed: the run ends");
+    } else if (explainer->pid != 0 && now - self->explained > EXPLAINER_LIMIT && !explainer->killed) {
+        tl_child_kill(explainer, INT64_MAX, "killed: it takes too long");
+        tl_log(TL_LOG_NOTICE, "finding %" PRIu32 " is not explained: that takes longer than %.0f h", self->job.finding,
+               tl_seconds(EXPLAINER_LIMIT) / 3600.0);
     } else if (explainer->pid == 0 && !ends && due != self->explanations && tl_reaper_is_idle(&explainer->reaper)) {
         self->explanations = due;
+        self->explained = now;
+        self->job.finding = __atomic_load_n(&recorder_status(self)->due_finding, __ATOMIC_RELAXED);
         explainer->beats = &self->ignored;
         tl_child_prepare(explainer);
         explainer->pid = start_plain(self, TL_LIVE_IS_EXPLAINER, handover_words(self)->slot_index, &error);

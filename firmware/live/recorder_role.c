@@ -253,8 +253,11 @@ static void store_changes(recorder *self, bool at_end) {
     if (self->detection != NULL) {
         tl_live_detection_store(self->detection, self->writer, at_end);
         __atomic_store_n(&self->own->open_findings, tl_live_detection_count_open(self->detection), __ATOMIC_RELAXED);
-        __atomic_store_n(&self->own->explanations, tl_live_detection_count_explanations(self->detection),
-                         __ATOMIC_RELAXED);
+        const uint32_t due = tl_live_detection_take_due(self->detection);
+        if (due != 0) {
+            __atomic_store_n(&self->own->due_finding, due, __ATOMIC_RELAXED);
+            __atomic_store_n(&self->own->explanations, self->own->explanations + 1, __ATOMIC_RELEASE);
+        }
     }
 }
 

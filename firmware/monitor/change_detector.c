@@ -759,6 +759,7 @@ tl_change_acceptance tl_change_detector_accept(tl_change_detector *detector, uin
     if (finding != NULL) {
         finding->is_normal = true;
     }
+    is_known = is_known || (was_open && finding->kind == TL_FINDING_LIMIT); /* its limits are those of the user */
     return is_known ? TL_ACCEPTANCE_DONE : was_open ? TL_ACCEPTANCE_LATE : TL_ACCEPTANCE_NONE;
 }
 

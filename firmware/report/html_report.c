@@ -34,7 +34,7 @@ typedef struct tl_html_finding {
     long long number;
     char text[TL_FINDING_TEXT];
     char cause[TL_FINDING_TEXT];
-    char explanation[1024]; /* "": none */
+    char explanation[2048]; /* "": none */
 } tl_html_finding;
 
 struct tl_html_report {

@@ -165,7 +165,7 @@ static const char *const sql_of[STATEMENTS] = {
     [OLD_CHECKPOINTS] = "DELETE FROM checkpoints AS c WHERE run = ?1"
                         " AND tick NOT IN (SELECT tick FROM checkpoints WHERE run = ?1 ORDER BY tick DESC LIMIT 2)"
                         " AND (length(bytes) > 1000000 OR EXISTS (SELECT 1 FROM checkpoints AS e WHERE e.run = ?1"
-                        " AND e.tick < c.tick AND e.tick >> 16 = c.tick >> 16))"
+                        " AND e.tick >= (c.tick >> 16 << 16) AND e.tick < c.tick))"
                         " AND tick >= (SELECT coalesce(resumed_tick, 0) FROM beginnings WHERE run = ?1)",
     [SAMPLE] = "INSERT OR REPLACE INTO samples (run, tick, signal, value, quality, stamp_ns)"
                " VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
