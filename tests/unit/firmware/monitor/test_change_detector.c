@@ -559,7 +559,7 @@ static void test_other_limits(void) {
 static void test_a_normal_limit(void) {
     use_limits();
     run(1000, -4.0, 0.0, 0.0);
-    TEST_ASSERT_EQUAL_INT(TL_ACCEPTANCE_LATE, tl_change_detector_accept(detector, 1));
+    TEST_ASSERT_EQUAL_INT(TL_ACCEPTANCE_DONE, tl_change_detector_accept(detector, 1));
     run(1000, -9.0, 0.0, 0.0);
     run(1000, 0.0, 0.0, 0.0);
     TEST_ASSERT_EQUAL_STRING("normal", tl_finding_state_name(get().finding));
