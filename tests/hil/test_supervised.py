@@ -126,7 +126,7 @@ def test_too_few_descriptors():
     for them."""
     with Device(OMEGA) as device:
         config, _ = live_config(device)
-        command = ["prlimit", "--nofile=30:30", os.environ["TWINLOCK"], "run", config, "--supervise", "--state", scratch() / "state"]
+        command = ["prlimit", "--nofile=32:32", os.environ["TWINLOCK"], "run", config, "--supervise", "--state", scratch() / "state"]
         with subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, encoding="utf-8") as process:
             time.sleep(12)
             process.send_signal(signal.SIGTERM)
