@@ -37,8 +37,8 @@ int tl_recorder_role_run(void);
  * nothing more to do. */
 int tl_config_manager_role_run(void);
 
-/* Explains the last finding with the recorded ticks, at the lowest priority, and stores the answer
- * with it (verb_explain.c). */
+/* Explains the finding of its job with the recorded ticks, at the lowest priority, and stores the
+ * answer with it (verb_explain.c). */
 int tl_explainer_role_run(void);
 
 /* Runs the FMUs and the real-time cycle. Entry of tl_twin_role_tasks: called in the process of the
