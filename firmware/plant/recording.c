@@ -162,6 +162,11 @@ static tl_status find_checkpoint(tl_recording *recording, const tl_history_run *
                          recording->path, run->run);
 }
 
+/* After the checkpoint the twin needs the committed u of all steps that it has not computed yet. */
+static bool has_steps_after(const tl_history_run *run, const tl_history_checkpoint *checkpoint) {
+    return run->removed_before <= 0 || checkpoint->tick + 1 - (int64_t)run->lead >= run->removed_before;
+}
+
 /* Skips the ticks up to the newest checkpoint before the tick `before`. *found: there is one. */
 static tl_status skip_to_checkpoint(tl_recording *recording, const tl_history_run *run, int64_t before, bool *found,
                                     tl_error *error) {
@@ -170,7 +175,7 @@ static tl_status skip_to_checkpoint(tl_recording *recording, const tl_history_ru
     tl_identity_format(format);
     tl_status status = tl_history_checkpoint_before(recording->history, run, before, &checkpoint, error);
     *found = status == TL_OK && checkpoint != NULL && checkpoint->whole && checkpoint->size != 0 &&
-             checkpoint->tick + 1 >= run->removed_before && strcmp(checkpoint->format, format) == 0;
+             has_steps_after(run, checkpoint) && strcmp(checkpoint->format, format) == 0;
     if (!*found) {
         return status;
     }

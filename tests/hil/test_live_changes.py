@@ -123,22 +123,26 @@ def expect_explained(bench, live):
 
 
 def expect_same_from_checkpoint(bench, checkpoint):
-    """If the ticks up to a checkpoint were removed, the answer is the same; without the checkpoint there is an error."""
+    """If the ticks before a checkpoint were removed, the answer is the same. Without the checkpoint, or a step that
+    it needs, there is an error."""
     copy = bench.folder / "copy.db"
     with contextlib.closing(sqlite3.connect(bench.database)) as database, contextlib.closing(sqlite3.connect(copy)) as other, other:
         database.backup(other)
         other.execute("DELETE FROM checkpoints")
         other.execute("INSERT INTO checkpoints VALUES (?, ?, ?, ?, ?)", checkpoint)
-        other.execute("DELETE FROM samples WHERE tick <= ?", checkpoint[1:2])
-        other.execute("DELETE FROM steps WHERE step <= ?", checkpoint[1:2])
-        other.execute("UPDATE runs SET removed_before = ? + 1", checkpoint[1:2])
+        lead, = query(copy, "SELECT max(lead) FROM runs")[0]
+        first = checkpoint[1] + 1 - lead
+        other.execute("DELETE FROM samples WHERE tick < ?", [first])
+        other.execute("DELETE FROM steps WHERE step < ?", [first])
+        other.execute("UPDATE runs SET removed_before = ?", [first])
     whole, part = (json.loads(run_well(["explain", path, "--json"])) for path in (bench.database, copy))
-    expect(whole["verdict"] == "found" and part == whole, f"{whole['text']} but {part['text']}")
-    with contextlib.closing(sqlite3.connect(copy)) as other, other:
-        other.execute("DELETE FROM checkpoints")
-    code, _, log = run(["explain", copy])
-    expect(code == 65, code)
-    expect_line(log, "no start|removed")
+    expect(whole["verdict"] == "found" and part == whole, f"{whole}\nbut from the checkpoint\n{part}")
+    for missing in ("UPDATE runs SET removed_before = removed_before + 1", "DELETE FROM checkpoints"):
+        with contextlib.closing(sqlite3.connect(copy)) as other, other:
+            other.execute(missing)
+        code, _, log = run(["explain", copy])
+        expect(code == 65, f"{missing}: {code}")
+        expect_line(log, "no start|removed")
 
 
 def expect_a_change(bench, began):
