@@ -94,7 +94,7 @@ static const char *remedy_of(const char *function, bool overflow) {
 static void describe_crash(crash_line *line, const char *signal, bool overflow) {
     tl_fmu_call call;
     const char *cause = overflow ? "stack overflow (its thread has 8 MiB)" : signal;
-    if (tl_crash_is_fmu_thread() && tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call)) {
+    if (thread_kind == TL_CRASH_CALLS_FMUS && tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call)) {
         add_text(line, "FMU ");
         add_text(line, call.fmu);
         add_text(line, " crashed in ");
@@ -271,13 +271,10 @@ static void find_stack(void) {
 void tl_crash_enter(tl_crash_thread entered) {
     thread_kind = entered;
     if (entered == TL_CRASH_CALLS_FMUS) {
+        tl_fmu_calls_enter_thread();
         use_alternate_stack(alternate[1]);
         find_stack();
     }
-}
-
-bool tl_crash_is_fmu_thread(void) {
-    return thread_kind == TL_CRASH_CALLS_FMUS;
 }
 
 void tl_crash_install(void) {

@@ -21,7 +21,6 @@
 #define TL_FIRMWARE_PROCESS_CRASH_H
 
 #include <setjmp.h>
-#include <stdbool.h>
 
 typedef enum tl_crash_thread {
     TL_CRASH_FOREIGN, /* every thread that has not called tl_crash_enter() */
@@ -36,9 +35,6 @@ void tl_crash_install(void);
 
 /* Sets the kind of the calling thread. At most one thread at a time may call FMUs. */
 void tl_crash_enter(tl_crash_thread entered);
-
-/* Returns true in the thread that calls FMUs. */
-bool tl_crash_is_fmu_thread(void);
 
 /* ---- Catches a crash in a call that another method can replace.
  *

@@ -40,9 +40,18 @@ static const char *const FUNCTIONS[TL_FMU_FUNCTIONS] = {
 /* Static, because this is the state of the process. */
 static tl_fmu_calls own;
 tl_fmu_calls *tl_fmu_calls_block = &own;
+static __thread bool is_own_thread;
 
 void tl_fmu_calls_use(tl_fmu_calls *block) {
     tl_fmu_calls_block = block == NULL ? &own : block;
+}
+
+void tl_fmu_calls_enter_thread(void) {
+    is_own_thread = true;
+}
+
+bool tl_fmu_calls_is_own_thread(void) {
+    return is_own_thread;
 }
 
 const tl_fmu_calls *tl_fmu_calls_in_use(void) {

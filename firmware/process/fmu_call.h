@@ -78,6 +78,12 @@ void tl_fmu_calls_use(tl_fmu_calls *block);
 /* Returns the block in use. */
 const tl_fmu_calls *tl_fmu_calls_in_use(void);
 
+/* Notes that the calling thread is the one that calls FMUs. */
+void tl_fmu_calls_enter_thread(void);
+
+/* Returns true in that thread, and false in a thread that an FMU has created. */
+bool tl_fmu_calls_is_own_thread(void);
+
 /* Registers an FMU by name, for example by its component's name, and returns its number, which is
  * a multiple of 256. The same name gives the same number. The name is truncated to
  * TL_FMU_CALL_NAME - 1 bytes. */

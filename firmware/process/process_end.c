@@ -9,7 +9,6 @@
 #include <unistd.h>
 
 #include "firmware/base/log.h"
-#include "firmware/process/crash.h"
 #include "firmware/process/fmu_call.h"
 
 #if defined(__has_feature)
@@ -82,7 +81,7 @@ static void on_exit_called(int code, void *unused) {
     if (ending != 0) {
         flush_and_end();
     }
-    if (tl_crash_is_fmu_thread() && tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call)) {
+    if (tl_fmu_calls_is_own_thread() && tl_fmu_calls_poll(tl_fmu_calls_in_use(), &call)) {
         (void)snprintf(
             reason, sizeof reason,
             "FMU %s called exit(%d) in %s, which ends the whole process; export it again, or contact its maker",

@@ -17,7 +17,8 @@ from pathlib import Path
 import box
 import hostile_fmu
 import twinlock_test
-from twinlock_test import HUNG_S, BUILD, SOURCE, Failure, Skip, expect, expect_line, has_line
+from supervised import store_saved_states
+from twinlock_test import HUNG_S, PLAIN_BOX, PLAIN_CAN, BUILD, SOURCE, Failure, Skip, expect, expect_line, has_line
 
 BOX_TESTS = "tests/hil/box"
 PREPARE = SOURCE / "tests" / "hil" / "rig" / "prepare"
@@ -57,6 +58,8 @@ def test_on_the_box():
     figures = twinlock_test.run_well(["replay", twinlock_test.config_path("motor/lock.json"), "--json"])
     (results / "lock.json").write_text(figures, encoding="utf-8")
     shutil.copy(hostile_fmu.make("attack"), results / "attack.fmu")
+    store_saved_states(PLAIN_BOX, results / "gpio_states.json")
+    store_saved_states(PLAIN_CAN, results / "can_states.json")
     tests = sorted(path.name for path in (SOURCE / BOX_TESTS).glob("test_*.py"))
     expect(set(FIRST_BOX) < set(tests), f"{FIRST_BOX} are not all in {BOX_TESTS}")
     boxes = [[f"{BOX_TESTS}/{name}" for name in tests if (name in FIRST_BOX) is first] for first in (True, False)]

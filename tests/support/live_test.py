@@ -18,13 +18,14 @@ import twinlock_test
 from twinlock_test import HUNG_S, NOT_LOCKED, Failure, describe, expect, finish, has_line, replay_json, scratch, start
 
 PATIENCE = HUNG_S  # s, for events that take well under a second on an idle machine
+POLL_S = float(os.environ.get("TL_POLL_S", "0.01"))  # an emulated box is slow: a test that polls often takes the time of the run
 
 GOOD, STALE, OUT_OF_RANGE, NOT_A_NUMBER, NO_LINK, OUTLIER = range(6)  # master/base/signal.h
 FIRST_GUESS, OPTIMISED, FREE_RUN, MADE_UP = 1, 2, 5, 6  # master/sync/record.h
 STOP_TIME = 4
 
 
-def wait_until(condition, what, explain=lambda: "", every=0.01):
+def wait_until(condition, what, explain=lambda: "", every=POLL_S):
     """Polls `condition` at intervals of `every` seconds, and returns its value once that is true.
     Fails after PATIENCE."""
     until = time.monotonic() + PATIENCE

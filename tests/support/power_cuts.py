@@ -15,6 +15,7 @@ import threading
 import time
 
 from live_test import GOOD, PATIENCE, check_replay, check_rows, number, query
+from supervised import store_saved_states
 from twinlock_test import PLAIN_LIVE, BUILD, SOURCE, Failure, Skip, expect, merge, read_config, run_well, scratch
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
@@ -76,8 +77,11 @@ class Told:
 
 
 def make_disk(folder):
-    disk = folder / "disk.img"
-    command(["mke2fs", "-q", "-t", "ext4", disk, DISK_SIZE])
+    """With a state folder of the supervisor, as left by an earlier run of the same FMUs."""
+    disk, files = folder / "disk.img", scratch()
+    (files / "state").mkdir(mode=0o700)
+    store_saved_states(PLAIN_LIVE, files / "state" / "states.json")
+    command(["mke2fs", "-q", "-t", "ext4", "-d", files, disk, DISK_SIZE])
     return disk
 
 

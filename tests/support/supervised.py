@@ -1,11 +1,12 @@
 """Helpers for tests of `run --supervise`: the supervisor, its child processes, its account and its
 events."""
 import json
+import shutil
 import signal
 from pathlib import Path
 
 from live_test import FIRST_GUESS, MADE_UP, OPTIMISED, Program, children, member, number, query, wait_until
-from twinlock_test import Failure, at_most, expect, has_line, scratch
+from twinlock_test import Failure, at_most, edited_config, expect, has_line, scratch
 
 WORD = "word"  # for TWINLOCK_UNRULY
 LOCK_STEPS = 200  # of 10 ms, before the first of 20 steps in a row that are within tolerance
@@ -46,6 +47,24 @@ class Supervised(Program):
 
     def account(self):
         return json.loads((self.state / "supervisor.json").read_text(encoding="utf-8"))
+
+
+def store_saved_states(base, file):
+    """Stores in `file` what the supervisor finds when it tests the saved states of the FMUs of the configuration
+    `base`. A slow box needs longer for this test than the supervisor waits, so that its first run would have no
+    twin."""
+    with Supervised(edited_config(base, {"duration_s": None})) as live:
+        found = live.state / "states.json"
+        wait_until(found.exists, "the result of the test", live.log)
+        shutil.copy(found, file)
+
+
+def known_state(file):
+    """A new state folder with what store_saved_states() has stored in `file`."""
+    folder = scratch() / "state"
+    folder.mkdir(mode=0o700)
+    shutil.copy(file, folder / "states.json")
+    return folder
 
 
 def wait_for_run(live, database, which):

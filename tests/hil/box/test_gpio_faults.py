@@ -5,9 +5,9 @@ restarts."""
 from can_bus import OMEGA, Motor, wait_for_value
 from live_test import (GOOD, NO_LINK, Device, check_database, check_replay, check_rows, expect_events, expect_in_order, last_step,
                        qualities, query, wait_for_lock, wait_for_quality, wait_for_steps)
-from supervised import Supervised, end_orderly, wait_for_run
+from supervised import Supervised, end_orderly, known_state, wait_for_run
 from test_live_gpio import Chip
-from twinlock_test import PLAIN_BOX, edited_config, expect, main
+from twinlock_test import BUILD, PLAIN_BOX, edited_config, expect, main
 
 # Nominal current of the drive, A, while the start bit has no link. If the bit fell, it would be
 # below 0 within 0.1 s.
@@ -28,7 +28,7 @@ def test_a_chip_is_pulled_out_and_put_back():
     with Chip("bench", ["START"]) as chip, Device(OMEGA) as device, Motor(OMEGA):
         chip.set("START", True)
         config, database = live_config(device.port)
-        with Supervised(config) as live:
+        with Supervised(config, state=known_state(BUILD / "rig" / "gpio_states.json")) as live:
             wait_for_run(live, database, 1)
             for _ in range(2):
                 wait_for_value(live, database, "enabled", 1)

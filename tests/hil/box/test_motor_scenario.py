@@ -17,8 +17,8 @@ import box
 import can_bus
 from live_test import (FREE_RUN, GOOD, MADE_UP, STOP_TIME, Program, check_database, check_free_run, check_replay, check_summary,
                        end_well, number, query, refused_writes)
-from supervised import Supervised, expect_starts
-from twinlock_test import PLAIN_BOX, SOURCE, at_least, config_path, edited_config, expect, main, read_table
+from supervised import Supervised, expect_starts, known_state
+from twinlock_test import BUILD, PLAIN_BOX, SOURCE, at_least, config_path, edited_config, expect, main, read_table
 
 SECONDS = float(os.environ.get("TL_SCENARIO_S", "24"))
 WATCHDOG_S = 10
@@ -82,7 +82,8 @@ def play(config, duration):
     start_bit = StartBit()
     plant_config = SOURCE / "config" / "motor" / "box_plant.json"
     device = box.description()["watchdog"]["device"]
-    with Supervised(config, "--json", "--watchdog", device, "--watchdog-timeout", WATCHDOG_S, "--duration", duration) as live:
+    with Supervised(config, "--json", "--watchdog", device, "--watchdog-timeout", WATCHDOG_S, "--duration", duration,
+                    state=known_state(BUILD / "rig" / "gpio_states.json")) as live:
         live.wait_for("supervisor:|start")  # on a busy machine it would come after the pulls
         expect(watchdog_is_armed(), "the watchdog is not armed")
         with Program("plant", plant_config, "--for", config, "--seed", "7") as plant:

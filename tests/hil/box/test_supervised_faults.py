@@ -15,8 +15,8 @@ import box
 from can_bus import ERROR, OMEGA, Bus, Motor, events_with, interface_down, interface_up, live_config, transmitted
 from live_test import (GOOD, NO_LINK, PATIENCE, RESULTS, check_database, expect_events, expect_repeated, number, query, stop,
                        wait_until)
-from supervised import Supervised, end_orderly, expect_in_lock, expect_starts, wait_for_run
-from twinlock_test import expect, main, replay_json, scratch
+from supervised import Supervised, end_orderly, expect_in_lock, expect_starts, known_state, wait_for_run
+from twinlock_test import BUILD, expect, main, replay_json, scratch
 
 DAY = 86400
 HANG_S = 5
@@ -128,7 +128,7 @@ def test_campaign():
     config, database = live_config(sources={"bus": {"can": {"interface": near}}}, realtime={"hang_s": HANG_S})
     sent, by_us = transmitted(near), 1
     with Motor(OMEGA, name=far) as motor, Supervised(config, "--watchdog", box.description()["watchdog"]["device"],
-                                                     "--watchdog-timeout", WATCHDOG_S) as live:
+                                                     "--watchdog-timeout", WATCHDOG_S, state=known_state(BUILD / "rig" / "can_states.json")) as live:
         wait_for_run(live, database, 1)
         campaign = Campaign(live, database)
         bus_off(campaign, motor, near)
