@@ -117,12 +117,14 @@ static void await_next(tl_watch_rejected *rejected, double value) {
     rejected->waiting[rejected->waiting_count++] = value;
 }
 
-/* `value` is good. After a step it is nearer to the waiting reading than to the accepted one. */
+/* `value` is good. After a step it is nearer to the waiting reading than to the accepted one. If
+ * the run begins with a waiting reading, it is unknown whether that was a step or an outlier, so
+ * nothing is reported. */
 static void report_waiting(tl_watch *watch, int64_t tick, size_t signal, double value) {
     tl_watch_rejected *rejected = &watch->rejected[signal];
     size_t count = rejected->waiting_count;
-    bool is_step = count > 0 && fabs(value - rejected->waiting[count - 1]) < fabs(value - rejected->accepted);
-    for (size_t i = 0; i < count && !is_step; i++) {
+    bool is_outlier = count > 0 && fabs(value - rejected->waiting[count - 1]) >= fabs(value - rejected->accepted);
+    for (size_t i = 0; i < count && is_outlier; i++) {
         report_rejected(watch, tick, signal, rejected->waiting[i]);
     }
     rejected->waiting_count = 0;

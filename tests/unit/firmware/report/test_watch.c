@@ -209,6 +209,17 @@ static void test_a_step_is_not_told_as_an_outlier(void) {
     memset(&signals[1], 0, sizeof signals[1]);
 }
 
+static void test_an_outlier_before_the_first_good_reading_is_not_told(void) {
+    show_readings((tl_condition){.leap = 6});
+    see_reading(90, TL_OUTLIER);
+    see_reading(50, TL_GOOD);
+    expect_nothing();
+    see_reading(90, TL_OUTLIER);
+    see_reading(50, TL_GOOD);
+    expect_told("warning|plant.omega|90|50|1 so far");
+    memset(&signals[1], 0, sizeof signals[1]);
+}
+
 static void test_good_signals_are_not_reported(void) {
     see(TL_GOOD, TL_GOOD);
     see(TL_GOOD, TL_GOOD);
@@ -674,6 +685,7 @@ int main(void) {
     RUN_TEST(test_a_delay_is_told_with_that_of_the_inputs);
     RUN_TEST(test_outliers_are_told_with_value_expected_and_count);
     RUN_TEST(test_a_step_is_not_told_as_an_outlier);
+    RUN_TEST(test_an_outlier_before_the_first_good_reading_is_not_told);
     RUN_TEST(test_good_signals_are_not_reported);
     RUN_TEST(test_a_signal_that_goes_bad_and_comes_back);
     RUN_TEST(test_signals_are_watched_one_by_one);
