@@ -1,16 +1,18 @@
 #!/usr/bin/env python3
-"""Cuts the power of a box while it records.
+"""Cuts the power of a box while it records, and while the configuration of its run changes.
 
-One cut here. tests/hil/power_cuts makes many, also in a row, and while the configuration of the run
-changes. See power_cuts.py and activation_cuts.py in tests/support.
+A few cuts here, more of them by tests/hil/power_cuts. script/test --all runs the single ones only.
+See power_cuts.py and activation_cuts.py in tests/support.
 """
 import json
 import sys
 import time
 
 import activation_cuts
-from power_cuts import check_accounts, cuts, cuts_in_a_row, need_rig
+from power_cuts import PATIENCE_S, check_accounts, cuts, cuts_in_a_row, need_rig
 from twinlock_test import Failure, expect, main, scratch
+
+CUTS = 2
 
 
 def show(number, figures):
@@ -23,9 +25,9 @@ def show_late(number, why):
     print(f"    cut {number}: {why}", flush=True)
 
 
-def test_power_cuts():
+def test_single_power_cuts():
     need_rig()
-    cuts(1, time.time_ns(), show, show_late)
+    cuts(CUTS, time.time_ns(), show, show_late)
 
 
 def show_in_a_row(number, figures):
@@ -35,9 +37,28 @@ def show_in_a_row(number, figures):
           + (f"cut {figures['after_s']:.1f} s after its start" if figures["after_s"] > 0 else "came back"), flush=True)
 
 
+def test_power_cuts_in_a_row():
+    """Five cuts. Five failures would be a restart loop, so cuts must not count as failures."""
+    need_rig()
+    cuts_in_a_row(5, time.time_ns(), show_in_a_row)
+
+
 def show_change(number, cut):
     print(f"    cut {number}, in phase {cut.phase} ({cut.after_s:.1f} s after the awaited one): candidate {cut.active} of {cut.sent} is active"
           f"{' on probation' if cut.on_probation else ''}, {cut.runs} runs", flush=True)
+
+
+def test_power_cuts_while_it_is_retuned():
+    need_rig()
+    activation_cuts.cuts(2, time.time_ns(), show_change, show_late)
+
+
+def test_a_box_that_boots_late_costs_one_cut():
+    """One box that gets no time, and one that does."""
+    need_rig()
+    late = []
+    table = cuts(2, time.time_ns(), show, lambda number, why: late.append((number, why)), lambda number: 0.5 if number == 1 else PATIENCE_S)
+    expect([number for number, _ in late] == [1] and "0.5 s" in late[0][1] and len(table) == 1, f"late {late}, {table}")
 
 
 def accounts(probe, state):
