@@ -44,6 +44,7 @@ CHECK_TIMES = (
     (re.compile(r"measured by \d+ free steps"), "measured by * free steps"),
     (re.compile(r'(?m)^faster\n(?:  .* would take .*\n)+'), ""),
     (re.compile(r'"auto" keeps \w+'), '"auto" keeps *'),
+    (re.compile(r'(?s)(?<="auto" keeps \*)(.*?)\nexecutions of an evaluation, .*?KiB: without[^\n]*'), r"\1"),
     (re.compile(r"tested at the start by \d+ executions"), "tested at the start by * executions"),
     (re.compile(r"(?:tested|looked at) \d+ times?, \S+ \u2026 \S+ s from the start"), "tested * times"),
     (re.compile(r"\b(same values in) \d+ steps?"), r"\1 * steps"),

@@ -3,7 +3,6 @@
 import gzip
 import hashlib
 import os
-import shutil
 import zipfile
 
 import debian
@@ -155,26 +154,6 @@ def test_the_same_bytes_again():
     times = {line.split()[3] for line in output_of("dpkg-deb", "--contents", other, env={**os.environ, "TZ": "UTC"})
              .splitlines()}
     expect(times == {"2001-09-09"}, f"{times}")
-
-
-def test_the_same_bytes_from_sources_elsewhere():
-    """A new build in another folder, without tests and checks, which are not packed."""
-    copy = scratch() / "elsewhere"
-    copy.mkdir()
-    for name in debian.sources():
-        if (SOURCE / name).is_file():
-            (copy / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(SOURCE / name, copy / name, follow_symlinks=False)
-            shutil.copymode(SOURCE / name, copy / name)
-    (copy / ".deps").mkdir()
-    for part in (SOURCE / ".deps").iterdir():
-        if part.name in ("fmi2", "unity"):  # copy: gcc records the resolved path of a system header
-            shutil.copytree(part, copy / ".deps" / part.name)
-        elif part.is_dir():
-            (copy / ".deps" / part.name).symlink_to(part)
-    output_of("cmake", "--preset", "host", cwd=copy)
-    output_of("cmake", "--build", "--preset", "host", "-j", "2", "--target", "tl_package", cwd=copy)
-    expect(sum_of(debian.make(copy / "build/host")) == sum_of(PACKAGE), "another package from sources elsewhere")
 
 
 main()
