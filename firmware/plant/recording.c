@@ -463,6 +463,7 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
     tick->caught_up = repeat && read.step.outcome == TL_CAUGHT_UP;
     tick->resets = repeat && (read.step.flags & TL_FLAG_RESET) != 0;
     tick->rests = repeat && (read.step.flags & TL_FLAG_RESTS) != 0;
+    tick->ends_released = repeat && (read.step.flags & TL_FLAG_RELEASED_SLOW) != 0;
     bool without_nominal = (read.step.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
     tick->cut_short = repeat && (read.step.stop == TL_STOP_TIME || without_nominal);
     tick->evaluations = tick->cut_short ? (uint32_t)read.step.evaluations : 0;

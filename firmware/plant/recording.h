@@ -30,6 +30,7 @@ typedef struct tl_recording_tick {
     bool caught_up;          /* the run missed this tick and caught up */
     bool resets;             /* the FMUs were reset before its step */
     bool rests;              /* u rested at nominal */
+    bool ends_released;      /* after its step the released twins ended, because they were too slow */
     bool is_decided;         /* the qualities are those of the same run, also TL_FROZEN (monitor/frozen.h) */
     bool followed;           /* the tick belongs to the earlier run that this one resumes */
     double u[TL_MAX_ADJUST]; /* if followed: u that the earlier run committed */

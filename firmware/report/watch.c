@@ -322,6 +322,15 @@ static void watch_rest(tl_watch *watch, int64_t tick, const tl_record *record) {
         (long long)record->step);
 }
 
+static void watch_released(tl_watch *watch, int64_t tick, const tl_record *record) {
+    if ((record->flags & TL_FLAG_RELEASED_SLOW) != 0) {
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "twin",
+            "the released twins end, because they take more than a tenth of step_s: wrong models that "
+            "corrections hide and frozen sensors are no longer found; increase step_s, or set release_s to 0");
+    }
+}
+
 static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool free_run = record->outcome == TL_FREE_RUN && (record->flags & TL_FLAG_NO_ROLLBACK) == 0;
     if (free_run == watch->free_run || record->outcome == TL_CAUGHT_UP) {
@@ -568,6 +577,7 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record,
     watch_fmus(watch, tick, record);
     watch_free_run(watch, tick, record);
     watch_rest(watch, tick, record);
+    watch_released(watch, tick, record);
     for (size_t i = 0; i < watch->config->adjust_count; i++) {
         watch_trouble(watch, tick, record, &watch->held[i], ((record->held | identifiability->unseen) >> i & 1U) != 0,
                       watch->config->adjust[i].variable, &HELD);

@@ -89,7 +89,6 @@ bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning 
     return is_due;
 }
 
-/* Verifies the rollback of the FMUs. */
 static tl_status verify_rollback(const tl_assembly *assembly, tl_error *error) {
     tl_twin_verify_report outcome;
     tl_status status = tl_twin_verify_until(assembly->twin, TL_TIME_NEVER, &outcome, error);
@@ -125,12 +124,14 @@ static void report_free_run(const tl_assembly *assembly, const tl_twin_result *r
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_attached attached,
                           tl_recovery *recovery, tl_twin_result *result, tl_error *error) {
     const tl_lock_change *change = NULL; /* not needed: the parent monitors the lock again, and reports changes */
+    bool searches = attached != TL_ATTACHED_OUTPUTS; /* an emulated plant is never reset, and does not rest */
     bool ready = false;
     if (tick->resets) { /* as recorded; the recovery at the tick before requested the same */
         tl_twin_reset(assembly->twin);
     }
-    if (tick->is_decided && attached != TL_ATTACHED_OUTPUTS) { /* as recorded */
+    if (tick->is_decided && searches) { /* as recorded */
         tl_twin_rest(assembly->twin, tick->rests);
+        tl_twin_end_released(assembly->twin, tick->ends_released);
     }
     tl_recording_tick marked;
     if (!tick->followed) {
@@ -143,11 +144,10 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
         tl_lock_monitor_sample(&recovery->lock_monitor, &tick->sample);
     }
     tl_status status = execute_step(assembly, tick, attached, &result->record, &ready, error);
-    if (ready && tl_recovery_step(recovery, &result->record, &change) &&
-        attached != TL_ATTACHED_OUTPUTS) { /* an emulated plant is never reset */
+    if (ready && tl_recovery_step(recovery, &result->record, &change) && searches) {
         tl_twin_reset(assembly->twin);
     }
-    if (!tick->is_decided && attached != TL_ATTACHED_OUTPUTS) {
+    if (!tick->is_decided && searches) {
         tl_twin_rest(assembly->twin, recovery->lock_monitor.release.rests);
     }
     status = status == TL_OK ? verify_rollback(assembly, error) : status;

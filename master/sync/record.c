@@ -70,6 +70,8 @@ const char *tl_flag_name(tl_flag flag) {
         return "refused";
     case TL_FLAG_NOT_FINITE:
         return "not finite";
+    case TL_FLAG_RELEASED_SLOW:
+        return "released twins slow";
     }
     return "unknown";
 }

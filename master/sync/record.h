@@ -66,9 +66,10 @@ typedef enum tl_flag {
     TL_FLAG_NO_ROLLBACK = 128, /* an FMU that is rolled back by replay is too far from its start: the twin runs free */
     TL_FLAG_RESTS =
         256, /* nothing was searched, u rests at nominal: the free-running twin predicts better, or tl_twin_rest() */
-    TL_FLAG_REFUSED = 512,     /* candidates of this step could not be evaluated (tl_record_refused) */
-    TL_FLAG_NOT_FINITE = 1024, /* an output of an FMU was not finite (bad_outputs) */
-    TL_LAST_FLAG = TL_FLAG_NOT_FINITE
+    TL_FLAG_REFUSED = 512,        /* candidates of this step could not be evaluated (tl_record_refused) */
+    TL_FLAG_NOT_FINITE = 1024,    /* an output of an FMU was not finite (bad_outputs) */
+    TL_FLAG_RELEASED_SLOW = 2048, /* after this step the released twins ended (TL_RELEASED_SLOW) */
+    TL_LAST_FLAG = TL_FLAG_RELEASED_SLOW
 } tl_flag;
 
 /* State of a measured delay. */

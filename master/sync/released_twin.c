@@ -13,7 +13,7 @@ static const tl_time PARTS_OF_STEP = 10;
 bool tl_released_twin_init(tl_released_twin *twin, tl_arena *arena, tl_exchange *exchange,
                            const tl_objective *objective, const tl_adjusted *adjusted, uint32_t steps,
                            tl_released_state state) {
-    *twin = (tl_released_twin){.objective = objective, .steps = steps + steps % 2, .state = state};
+    *twin = (tl_released_twin){.objective = objective, .steps = steps + steps % 2, .state = state, .last_step = -1};
     if (steps == 0 || state != TL_RELEASED_ON) {
         twin->state = steps == 0 ? TL_RELEASED_OFF : state;
         return true;
@@ -130,15 +130,16 @@ static tl_status release_next(tl_released_twin *twin, tl_error *error) {
     return is_turn ? release(twin, &twin->release[twin->phase == 0 ? 0 : 1], error) : TL_OK;
 }
 
-/* The fastest of some follows, so that a pause of the process does not decide. */
-static void add_time(tl_released_twin *twin, tl_time time) {
-    if (twin->timed < TL_RELEASED_TIMED) {
-        tl_time both = twin->release[0].runs && twin->release[1].runs ? time : 2 * time;
-        twin->fastest = twin->timed == 0 || both < twin->fastest ? both : twin->fastest;
-        twin->timed++;
-        bool is_slow = twin->fastest > twin->side.exchange->step / PARTS_OF_STEP;
-        twin->state = twin->timed == TL_RELEASED_TIMED && is_slow ? TL_RELEASED_SLOW : twin->state;
+/* Returns true if the fastest of TL_RELEASED_TIMED follows was too slow, so that a pause of the
+ * process does not decide. */
+static bool add_time(tl_released_twin *twin, tl_time time) {
+    if (twin->timed == TL_RELEASED_TIMED) {
+        return false;
     }
+    tl_time both = twin->release[0].runs && twin->release[1].runs ? time : 2 * time;
+    twin->fastest = twin->timed == 0 || both < twin->fastest ? both : twin->fastest;
+    twin->timed++;
+    return twin->timed == TL_RELEASED_TIMED && twin->fastest > twin->side.exchange->step / PARTS_OF_STEP;
 }
 
 tl_status tl_released_twin_follow(tl_released_twin *twin, tl_record *record, tl_time (*now)(void *context),
@@ -154,10 +155,16 @@ tl_status tl_released_twin_follow(tl_released_twin *twin, tl_record *record, tl_
     }
     fill_record(twin, y, record);
     status = release_next(twin, error);
-    if (now != NULL) {
-        add_time(twin, now(context) - started_at);
+    bool is_slow = now != NULL && add_time(twin, now(context) - started_at);
+    if (is_slow || record->step == twin->last_step) {
+        twin->state = TL_RELEASED_SLOW;
+        record->flags |= TL_FLAG_RELEASED_SLOW;
     }
     return status;
+}
+
+void tl_released_twin_end_after(tl_released_twin *twin, int64_t step) {
+    twin->last_step = step;
 }
 
 void tl_released_twin_end(tl_released_twin *twin) {

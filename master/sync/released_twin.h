@@ -47,8 +47,9 @@ typedef struct tl_released_twin {
     tl_released_state state;
     tl_release release[2];
     tl_released_counts counts;
-    uint32_t timed;  /* number of follows measured with a clock, at most TL_RELEASED_TIMED */
-    tl_time fastest; /* the fastest of them, ns; of both twins */
+    uint32_t timed;    /* number of follows measured with a clock, at most TL_RELEASED_TIMED */
+    tl_time fastest;   /* the fastest of them, ns; of both twins */
+    int64_t last_step; /* after this step both end as TL_RELEASED_SLOW (tl_released_twin_end_after()); −1: none */
 } tl_released_twin;
 
 /* Number of follows whose fastest decides whether there is time for released twins. */
@@ -68,10 +69,14 @@ tl_status tl_released_twin_begin(tl_released_twin *twin, tl_error *error);
 /* Call after each committed step with its complete record: executes the same step of both, fills
  * `released` and `release_age` of the record, and releases a twin if it is its turn. Afterwards the
  * FMUs are in their state from before the call. `now`: clock of the step, ns; NULL in a replay.
- * With a clock, released twins end for good if they take more than a tenth of T_S.
+ * With a clock, released twins end for good if they take more than a tenth of T_S; this record then
+ * has TL_FLAG_RELEASED_SLOW.
  * Errors: TL_FMU_FAILED or TL_FMU_FATAL if a rollback fails. */
 tl_status tl_released_twin_follow(tl_released_twin *twin, tl_record *record, tl_time (*now)(void *context),
                                   void *context, tl_error *error);
+
+/* Repeats TL_FLAG_RELEASED_SLOW of a recorded step in a replay: both end for good after it. */
+void tl_released_twin_end_after(tl_released_twin *twin, int64_t step);
 
 /* Ends both until their next turn. Call it after a change of an approved correction, because both
  * have run without it. */

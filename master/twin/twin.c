@@ -244,6 +244,12 @@ void tl_twin_reset(tl_twin *twin) {
     twin->resets = next >= twin->first;
 }
 
+void tl_twin_end_released(tl_twin *twin, bool end) {
+    if (end) {
+        tl_released_twin_end_after(&twin->released_twin, twin->exchange.plant.newest + 1 - (int64_t)twin->lead);
+    }
+}
+
 void tl_twin_rest(tl_twin *twin, bool rests) {
     twin->synchroniser.rests = rests || tl_free_twin_rests(&twin->free_twin);
 }

@@ -170,6 +170,10 @@ void tl_twin_reset(tl_twin *twin);
  * event horizon. */
 void tl_twin_rest(tl_twin *twin, bool rests);
 
+/* In a replay, before each tick: `end` is TL_FLAG_RELEASED_SLOW of the recorded step of this tick.
+ * True: the released twins end for good after this step. */
+void tl_twin_end_released(tl_twin *twin, bool end);
+
 /* How an FMU is rolled back after a finding of tl_twin_verify(). */
 typedef enum tl_twin_repaired {
     TL_REPAIRED_NOT,       /* by the same method as before */

@@ -98,6 +98,7 @@ class {name}(Fmi2Slave):
         return True
 """
 PLAIN = ("", "self.gain * self.u")
+SLOW = ("import time", "(time.sleep(0.0012), self.gain * self.u)[1]")
 NUMPY = ("import numpy", "float(numpy.array([self.gain, 0.0]) @ numpy.array([self.u, 1.0]))")
 
 
@@ -126,10 +127,7 @@ def is_locked(log):
 
 def lock_live(fmus):
     """FMUs without states, rolled back by memory: the twin finds the gain of the plant, and is in lock
-    again soon after each pause of the machine.
-
-    Without released twins: on a busy machine these end during the run, but not in its replay, and
-    then the events differ."""
+    again soon after each pause of the machine."""
     fifo = scratch() / "fifo"
     last = list(fmus)[-1]
     plant_config = series(fmus, {
@@ -139,7 +137,7 @@ def lock_live(fmus):
         "sources": {"stream": {"csv": {"file": str(fifo)}}},
         "plant": {name: {"csv": {"source": "stream"}} for name in ("u", "y")},
         "record": {"file": "twin.db", "commit_s": 0.1},
-        "synchronise": {"horizon": {"prediction": len(fmus)}, "release_s": 0, "adjust": {"first.gain": {"step": 0.2, "min": 0.2, "max": 3}},
+        "synchronise": {"horizon": {"prediction": len(fmus)}, "adjust": {"first.gain": {"step": 0.2, "min": 0.2, "max": 3}},
                         "match": {f"{last}.y": {"to": "plant.y", "tolerance": 0.005}}}})
     database = config.parent / "twin.db"
     os.environ["PATH"] = os.path.dirname(sys.executable) + ":" + os.environ["PATH"]
@@ -161,6 +159,7 @@ def lock_live(fmus):
     expect(lock["losses"] <= pauses, f"{pauses} pauses, lock {lock}\n{log}")
     expect_no_line(log, "cannot be copied")
     check_replay(config, database, rows, costs=False)  # a search may have run out of time within a candidate
+    return log
 
 
 def test_one_without_states():
@@ -173,6 +172,12 @@ def test_two_without_states():
 
 def test_one_with_numpy():
     lock_live({"first": lag("First", *NUMPY)})
+
+
+def test_released_twins_are_too_slow():
+    """They end at the same step of the run and of its replay, which has no clock."""
+    log = lock_live({"first": lag("First", *SLOW)})
+    expect_line(log, "warning|twin|released twins end|step_s")
 
 
 def test_two_with_numpy():

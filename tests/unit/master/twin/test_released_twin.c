@@ -332,6 +332,38 @@ static void without_time_they_end(void) {
     TEST_ASSERT_EQUAL_INT64(2 * step_time, facts().released_time);
 }
 
+/* A run whose released twins end for lack of time, and a replay that ends them as recorded. */
+static void a_replay_ends_them_at_the_same_step(void) {
+    for (int pairing = 0; pairing < 3; pairing++) {
+        tearDown();
+        setUp();
+        plan.plan.measurements = (tl_pairing)pairing;
+        plan.plan.prediction = 3;
+        step_time = TL_SECOND;
+        begin(&without);
+        run.budget.now = read_clock;
+        run.budget.time = TL_SECOND * 1000000;
+        lead(&without, 40, 1.0);
+        TEST_ASSERT_EQUAL_UINT32(TL_RELEASED_SLOW, facts().released_state);
+        int64_t waits = facts().lead; /* ticks from a step's own to the one that computes it */
+        tl_test_run_end(&run, &plan);
+        plant = 0.0;
+        begin(&with);
+        for (int64_t i = 0; i < 40; i++) {
+            size_t step = (size_t)(i - waits);
+            bool has_step = i >= waits && step < without.count;
+            tl_twin_end_released(run.twin, has_step && (without.record[step].flags & TL_FLAG_RELEASED_SLOW) != 0);
+            lead(&with, 1, 1.0);
+        }
+        TEST_ASSERT_EQUAL_UINT32(TL_RELEASED_SLOW, facts().released_state);
+        TEST_ASSERT_EQUAL_size_t(without.count, with.count);
+        for (size_t i = 0; i < with.count; i++) {
+            TEST_ASSERT_EQUAL_UINT32(0, (without.record[i].flags ^ with.record[i].flags) & TL_FLAG_RELEASED_SLOW);
+            TEST_ASSERT_EQUAL_UINT32(without.record[i].release_age, with.record[i].release_age);
+        }
+    }
+}
+
 static void a_pause_does_not_end_them(void) {
     begin(&with);
     run.budget.now = read_clock;
@@ -423,6 +455,7 @@ int main(void) {
     RUN_TEST(there_are_none_if_they_are_not_possible);
     RUN_TEST(a_quarter_of_the_memory_is_enough);
     RUN_TEST(without_time_they_end);
+    RUN_TEST(a_replay_ends_them_at_the_same_step);
     RUN_TEST(a_pause_does_not_end_them);
     RUN_TEST(a_reset_releases_again);
     RUN_TEST(a_missed_tick_and_a_followed_one_count);
