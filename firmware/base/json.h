@@ -93,7 +93,7 @@ void tl_json_reader_free(tl_json_reader *reader);
  *          in an array. Writing the object does not need tl_json_close() before.
  * Numbers: 15 digits; 17 if the relative error of 15 digits exceeds 2^-52. A number that is not
  *          finite becomes null, because JSON has neither NaN nor infinity. Counts are exact up to
- *          2^53.
+ *          10^15.
  * Errors:  if memory is out, only the functions that write the object report this.
  * Owner:   the caller frees the writer; keys and texts are copied.
  * Thread:  one thread.

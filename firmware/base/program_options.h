@@ -64,8 +64,8 @@ typedef struct tl_option_list {
     size_t count;
 } tl_option_list;
 
-/* Functions for tl_option.read. The first one stores true in a bool, the second one stores the text
- * in a const char *, the third one appends the text to a tl_option_list. It returns false if the
+/* Functions for tl_option.read. The first one stores true in a bool. The second one stores the text
+ * in a const char *. The third one appends the text to a tl_option_list, and returns false if the
  * list is full. */
 bool tl_option_switch(const char *text, void *target);
 bool tl_option_text(const char *text, void *target);

@@ -83,8 +83,8 @@ typedef struct tl_show_style {
 tl_show_style tl_show_style_of(FILE *file);
 
 /* Returns the number of bytes of the UTF-8 character at `text`, which must not be the NUL; 1 for an
- * invalid byte. Sets *is_control to true for an invalid byte, and for a character that controls a
- * terminal, changes the text direction or is invisible (master/base/text.h). */
+ * invalid byte. Sets *is_control to true if the character must not be shown: an invalid byte, a
+ * control character, a direction mark or an invisible character (master/base/text.h). */
 size_t tl_show_character(const char *text, bool *is_control);
 
 /* Copies a text for printing. Each control character (as in tl_show_character()) becomes "?"; with
@@ -113,7 +113,8 @@ void tl_show_curve(tl_show_style style, const double *values, size_t count, char
 /* Maximum number of columns of a table; bytes of a curve of 64 values. */
 enum { TL_SHOW_COLUMNS = 16, TL_SHOW_CURVE = 64 * 3 + 1 };
 
-/* Table of cells, printed with columns as wide as necessary. Fields are private. */
+/* Table of cells, printed with columns as wide as necessary. Fields are private, except `columns`,
+ * which the caller may reduce before the first cell. */
 typedef struct tl_show_table {
     tl_show_style style;
     const char *alignment; /* one letter per column */

@@ -42,17 +42,16 @@ tl_status tl_library_open(const char *path, tl_error *error);
  */
 
 /* Opens the binary and fills the guard. `folder`: absolute path of the completely unpacked FMU,
- * because the binary may load libraries from it. `label` names the FMU in errors. A binary with
- * another name than modelIdentifier is used, and logged, if it is the only one in its folder, or if
- * only the letter case differs. Libraries that share a name with those of another FMU are replaced
- * by renamed copies first (own_copies.h). State functions that the model does not claim are NULL in
+ * because the binary may load libraries from it. `label` names the FMU in errors. If no binary is
+ * named as modelIdentifier, uses and logs the only binary in its folder, or one whose name differs
+ * in letter case only. Libraries that share a name with those of another FMU are replaced by
+ * renamed copies first (own_copies.h). State functions that the model does not claim are NULL in
  * the table. */
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
                              tl_error *error);
 
-/* Assigns a library that tl_library_open() has opened to the open FMU in `folder`, so that the
- * FMU's states contain the library's data if no other FMU uses it. `path`: as for
- * tl_library_open(). */
+/* Assigns the library `path`, opened by tl_library_open(), to the open FMU in `folder`. Then the
+ * FMU's states contain the library's data, unless another FMU uses the library too. */
 void tl_library_claim(const char *path, const char *folder, const tl_fmu_guard *guard);
 
 #endif

@@ -38,7 +38,7 @@ void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text
  *          environment, for which some FMUs pass NULL or an invalid pointer, the format, and the
  *          texts.
  * Limits:  at most TL_FMU_MESSAGES_PER_SECOND lines per second and FMU. Messages that belong to no
- *          known FMU share one further limit. Only the first 128 open loggers are known.
+ *          known FMU share one further limit. At most 128 open loggers are known.
  * Owner:   the caller provides the memory of a logger and must not move it before
  *          tl_fmu_logger_close().
  * Thread:  open and close: the thread that calls the FMUs. The callback: any thread.

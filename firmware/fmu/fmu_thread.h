@@ -1,7 +1,7 @@
 /* The FMU thread: the one thread that calls functions of the FMUs, from loading to freeing.
  *
- * Purpose: FMI allows calls from any thread, but some FMUs need all calls from one thread, because
- *          they keep data in thread-local variables or in an interpreter's thread state. FMUs also
+ * Purpose: FMI allows calls from any thread, but some FMUs need all calls from one thread. The
+ *          cause is data in thread-local variables or in an interpreter's thread state. FMUs also
  *          expect the stack size with which they were tested: TL_FMU_THREAD_STACK, the usual size
  *          of a main thread.
  * Jobs:    the thread executes one job after the other. While the caller waits for a job, it checks

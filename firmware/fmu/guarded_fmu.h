@@ -68,7 +68,7 @@ typedef struct tl_fmu_guarded {
     const unsigned short *table;             /* its value at instantiation; if it differs, the locale was changed */
     tl_fmu_replay *replay;                   /* notes all calls for a replay; NULL: calls are not noted */
     bool by_replay;                          /* this instance is rolled back by replay */
-    bool is_noted;                           /* it has `memory`, or its calls may be noted */
+    bool is_noted;                           /* the instance has `memory`, or its calls may be noted */
     tl_last_inputs *last_inputs;             /* notes the last inputs; NULL: not noted */
     tl_fmu_memory *memory;                   /* serves allocations of its calls; NULL: the C library serves them */
     double shift;                            /* s; the FMU's time is smaller by this, if it accepts only start time 0 */

@@ -31,7 +31,7 @@ enum {
     TL_ELF_VERSIONS = 16 * 1024 /* maximum number of needed or defined symbol versions, and of their names */
 };
 
-/* The part of the file that holds `size` bytes of memory from `address` on. */
+/* The part of the file, from `offset` on, that is loaded as `size` bytes from `address` on. */
 typedef struct tl_elf_segment {
     uint64_t address;
     uint64_t offset;
@@ -50,7 +50,7 @@ typedef struct tl_elf_file {
     size_t strings;     /* offset of the string table */
     size_t strings_size;
     size_t symbols;      /* offset of the symbol table */
-    size_t symbol_count; /* public */
+    size_t symbol_count; /* public: number of symbols */
 } tl_elf_file;
 
 /* Opens a library of `size` bytes. `bytes` must outlive `file`. Returns false if this is not a
@@ -150,8 +150,8 @@ bool tl_elf_opens_libraries(const tl_elf_file *file);
  * Limits:  a library that an FMU opens at run time (dlopen) by a name without a path stays shared.
  *          A warning is logged if an FMU uses dlopen() and an earlier FMU contains a library at the
  *          same relative path.
- * Owner:   the process. FMU libraries are never unloaded (RTLD_NODELETE), so the folders of all
- *          FMUs are remembered until the process ends.
+ * Owner:   the process. The binaries of FMUs are never closed, so the folders of all FMUs are
+ *          remembered until the process ends.
  * Thread:  the thread that calls the FMUs.
  */
 

@@ -9,8 +9,8 @@
  * Removed: files that were removed but are still open or mapped are in no folder. They are counted
  *          if the free disk space has shrunk by more than `bytes` since the first check, whatever
  *          the cause. Only root can count the removed files of a confined process. So the bounds
- *          are also broken if the free space has shrunk by more than `bytes`, and less than a
- *          twentieth of the disk is free.
+ *          are also broken if the free space has shrunk by more than `bytes` and is less than 5 %
+ *          of the disk.
  * Memory:  the caller owns all of it.
  * Thread:  one.
  */

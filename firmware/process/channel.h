@@ -47,7 +47,7 @@ typedef enum tl_message {
     TL_MESSAGE_END,    /* request to end as soon as possible; no bytes; any phase, then ENDING */
     /* from the child */
     TL_MESSAGE_READY,  /* how the child is confined; STARTING, then BUILDING */
-    TL_MESSAGE_BUILT,  /* the twin is built, the account is in the child's block; BUILDING, then STEPPING */
+    TL_MESSAGE_BUILT,  /* the twin is built, its tl_account is in the child's block; BUILDING, then STEPPING */
     TL_MESSAGE_RESULT, /* result of a step; STEPPING */
     TL_MESSAGE_SHOWN,  /* requests a reader process (read_back.h), or shows progress (explainer); no bytes; STEPPING */
     TL_MESSAGE_ENDED,  /* why the child ends; any phase except ENDING, then ENDING */
@@ -104,7 +104,7 @@ typedef struct tl_channel_settings {
 } tl_channel_settings;
 
 typedef enum tl_channel_event {
-    TL_CHANNEL_NOTHING,   /* no message, or not enough before the time-out */
+    TL_CHANNEL_NOTHING,   /* no message, or not enough before the timeout */
     TL_CHANNEL_SOMETHING, /* a message was received, or a condition of the wait is met */
     TL_CHANNEL_NUDGED,    /* tl_channel_nudge() was called, or a signal arrived */
     TL_CHANNEL_BROKEN

@@ -79,7 +79,7 @@ typedef struct tl_confine_facts {
  * user. */
 void tl_confine_probe(tl_confine_facts *facts);
 
-/* Default memory limit of an FMU process, bytes: half of the machine's memory, at most
+/* Returns the default memory limit of an FMU process, bytes: half of the machine's memory, at most
  * TL_CONFINE_MEMORY_MIB. 0: unknown. */
 uint64_t tl_confine_fair_memory(void);
 
@@ -114,7 +114,7 @@ bool tl_filter_can_notify(void);
 /* Loads the filter. If `listener` is NULL, refused calls are not reported. Else *listener becomes a
  * descriptor. It is -1 if the kernel cannot report calls, or if another process already receives
  * them.
- * Errors: TL_TRY_AGAIN if the filter could not be loaded. */
+ * Errors:  TL_TRY_AGAIN if the filter could not be loaded. */
 tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_error *error);
 
 /* ---- Landlock: which files a process may read, below which folders it may write, and to which TCP
@@ -126,8 +126,8 @@ tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_
  *          truncating files (before, the filter refuses what Landlock does not check). From 4: TCP
  *          ports (no binding; connecting to `ports` only). From 5: device commands. From 6:
  *          abstract sockets and signals.
- * Itself:  single files of /proc/self are readable. A dozen descriptors of them stay open until the
- *          process ends, because the rules depend on them.
+ * Itself:  single files of /proc/self are readable. About a dozen descriptors of them stay open
+ *          until the process ends, because the rules depend on them.
  * Unseen:  Landlock does not check stat(), access(), readlink(), changes of the current folder, and
  *          changes of mode, owner, times and attributes. The filter permits changing the current
  *          folder and refuses the other changes. keeps_files also permits fchmod() and fchown().
@@ -142,7 +142,7 @@ int tl_landlock_version(void);
 
 /* Applies the folders and ports of the settings. `settings->landlock` > 0 is the version to use, at
  * most that of the kernel. Missing folders are skipped. Needs PR_SET_NO_NEW_PRIVS.
- * Errors: TL_TRY_AGAIN if it failed. */
+ * Errors:  TL_TRY_AGAIN if the kernel rejects the rules. */
 tl_status tl_landlock_restrict(const tl_confine_settings *settings, tl_error *error);
 
 /* ---- Limits: memory and file size as in the settings, no message queue, no core dump, a bounded

@@ -81,7 +81,7 @@ const tl_fmu_calls *tl_fmu_calls_in_use(void);
 /* Notes that the calling thread is the one that calls FMUs. */
 void tl_fmu_calls_enter_thread(void);
 
-/* Returns true in that thread, and false in a thread that an FMU has created. */
+/* Returns true in that thread, and false in all others, for example in threads of an FMU. */
 bool tl_fmu_calls_is_own_thread(void);
 
 /* Registers an FMU by name, for example its component's name, and returns its number, a multiple of

@@ -43,12 +43,13 @@ static inline void tl_fp_control_set(uint64_t control) {
     __asm__ volatile("fnclex\n\tfldcw %0" : : "m"(x87));
 }
 
-/* Checks the control bits. `control`: the saved bits, with round-to-nearest and denormals. Does not
- * read the SSE bits, because on some processors that takes longer than a step of a small FMU.
- * Instead, four additions in one instruction detect another rounding mode and flushed denormals. If
- * they and the x87 control word show no difference, writes the SSE bits of *control and returns
- * true. Writing takes a tenth of the time of reading. It disables traps that an FMU has enabled,
- * and clears the SSE exception flags. Otherwise returns false and does not write the SSE bits. */
+/* Checks the control bits. `control`: the saved bits, which must have round-to-nearest and
+ * denormals. Does not read the SSE bits, because on some processors that takes longer than a step
+ * of a small FMU. Instead, four additions in one instruction detect another rounding mode and
+ * flushed denormals. If they and the x87 control word show no difference, writes the SSE bits of
+ * *control and returns true. Writing takes a tenth of the time of reading. It disables traps that
+ * an FMU has enabled, and clears the SSE exception flags. Otherwise returns false and does not
+ * write the SSE bits. */
 static inline bool tl_fp_control_check(const uint64_t *control) {
     static const float values[4] __attribute__((aligned(16))) = {1.0F, 1.0F, FLT_MIN / 4.0F, FLT_MIN / 4.0F};
     static const float added[4] __attribute__((aligned(16))) = {1e-30F, -1e-30F, 0.0F, 0.0F};

@@ -20,8 +20,8 @@
  *          call.
  * Cost:    a refused call waits for the next poll. Poll often; in each poll, receive every waiting
  *          call and answer it immediately.
- * Memory:  no heap is used after the first received call, because another thread of the monitor may
- *          hold the lock of the heap inside fork() and wait for an answer itself.
+ * Memory:  no heap is used after the first received call. Another thread of the monitor may hold
+ *          the lock of the heap inside fork(), and may itself wait for an answer.
  * Thread:  any, one at a time.
  */
 

@@ -48,7 +48,7 @@ typedef enum tl_fmu_library_change {
  * has failed; NULL otherwise. */
 typedef void tl_fmu_heap_note_opening(void *context, tl_fmu_library_change change, void *library);
 
-/* Fields are private, except those that the user sets. */
+/* Fields are private, except those that the user of the heap (fmu_memory.h, fmu_libc.h) sets. */
 typedef struct tl_fmu_heap {
     unsigned char *base;             /* NULL: no heap */
     size_t reserved;                 /* bytes of address range */
@@ -64,7 +64,7 @@ typedef struct tl_fmu_heap {
         opens_outside; /* set by the user: constructors of libraries that a call opens by a path are served by the C library */
     bool has_constructed;                   /* such a constructor has allocated memory */
     tl_fmu_heap_note_opening *note_opening; /* set by the user, may be NULL */
-    void *context;                          /* of note_opening */
+    void *context;                          /* passed to note_opening */
     uint32_t threads_started;               /* allowed threads that calls have started */
     uint32_t threads_begun;                 /* how many of them have begun to run; some may have ended */
     uint32_t thread_count;                  /* used entries of `threads`; may exceed TL_FMU_HEAP_THREADS */

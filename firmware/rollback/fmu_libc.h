@@ -6,8 +6,8 @@
  *          served from that heap; all other calls are served by the C library.
  * Loader:  the dynamic loader keeps its memory after the call, and this memory must not be rolled
  *          back. So the C library always serves the loader.
- * Random:  the random numbers of rand(), random() and drand48() belong to the state of an FMU, but
- *          the C library has one random state for the whole process. During a call of an FMU with a
+ * Random:  random numbers of rand(), random() and drand48() belong to the state of an FMU. But the
+ *          C library has one random state for the whole process. So during a call of an FMU with a
  *          heap, these functions use a random state in that heap. Its seed is that of a new
  *          process.
  * Full:    if a heap is full, the C library serves the request. Then the FMU cannot be rolled back
@@ -20,11 +20,11 @@
  * Keys:    thread-specific values (pthread_setspecific()) lie in the C library. The heap notes the
  *          keys that a call creates. So fmu_memory.h can save the values of the thread that calls
  *          the FMU.
- * Files:   the heap notes the descriptors that a call opens by functions of the C library, because
- *          a file that stays open is not part of a copy. It also notes that files are written,
- *          moved or removed. A file that fopen() opens only for writing may stay open: its stream
- *          lies outside of the heap. If a rollback leaves it open and the FMU opens the file again,
- *          the FMU gets this stream again.
+ * Files:   a file that stays open is not part of a copy. So the heap notes the descriptors that a
+ *          call opens by functions of the C library. It also notes that files are written, moved or
+ *          removed. A file that fopen() opens only for writing may stay open: its stream lies
+ *          outside of the heap. If a rollback leaves it open and the FMU opens the file again, the
+ *          FMU gets this stream again.
  * Outside: functions that keep data in the C library allocate outside of the heap. These are
  *          functions for environment, locales, time zones, exit handlers, host names and users. If
  *          this data were in the heap, the library would find old contents after a restore. So the
@@ -74,7 +74,7 @@ uint32_t tl_fmu_libc_threads_alive(const tl_fmu_heap *heap);
 void tl_fmu_libc_read_keys(const tl_fmu_heap *heap, void *values[TL_FMU_HEAP_KEYS]);
 void tl_fmu_libc_write_keys(tl_fmu_heap *heap, void *const values[TL_FMU_HEAP_KEYS], uint32_t count);
 
-/* Keeps all streams of `logs` that the FMU has open now until the process ends, because a state may
+/* From now on never closes the streams of `logs` that the FMU has open now, because a state may
  * contain them. Call it when a state is saved. */
 void tl_fmu_libc_keep_logs(tl_fmu_heap *heap);
 

@@ -1,12 +1,12 @@
 /* Rollback by memory: saves and restores the whole memory of one FMU. Used if the FMU has no state
  * functions, or if they do not restore every bit or are slower.
  *
- * Purpose: a *state* is a copy of all memory that belongs to the FMU: its heap (fmu_heap.h), its
- *          global and thread-local variables (fmu_regions.h), its thread-specific values, the
- *          random numbers of the C library (fmu_libc.h), and the exception flags of the
- *          floating-point unit. A state contains all instances of the FMU.
+ * Purpose: a *state* is a copy of all memory that belongs to the FMU. It contains the FMU's heap
+ *          (fmu_heap.h), its global and thread-local variables (fmu_regions.h), its thread-specific
+ *          values and random numbers (fmu_libc.h), and the exception flags of the floating-point
+ *          unit. A state contains all instances of the FMU.
  * Large:   from TL_FMU_MEMORY_LARGE bytes on, only changed pages are copied and stored
- *          (fmu_pages.h). Below that a copy of everything is faster.
+ *          (fmu_pages.h). For a smaller FMU, a copy of everything is faster.
  * Exact:   a restored state is equal in every bit if the FMU keeps no data elsewhere. Data that the
  *          kernel or another library keeps for the FMU is not included: threads, open files,
  *          sockets, shared mappings. So the rollback is always tested before it is used.
@@ -42,7 +42,7 @@
  * Thread:  any, one at a time.
  */
 
-/* Descriptors that are checked: those below this number. Bytes of a text with its end mark. */
+/* Only descriptors below this number are checked. Bytes of a text with its terminating 0. */
 enum { TL_FMU_SIDE_EFFECTS_DESCRIPTORS = 1024, TL_FMU_SIDE_EFFECT_TEXT = 160 };
 
 typedef struct tl_fmu_side_effects {
@@ -105,8 +105,9 @@ tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error
  * is loaded. Errors: returns NULL, and `error` contains TL_TRY_AGAIN. */
 tl_fmu_memory *tl_fmu_memory_of_python(tl_error *error);
 
-/* Must enclose each call of the FMU. With `has_flags`, enter() restores the FMU's floating-point
- * exception flags, and leave() saves them. */
+/* Call the first function before and the second one after each call of the FMU, in the same thread.
+ * With `has_flags`, the first one restores the FMU's floating-point exception flags, and the second
+ * one saves them. */
 static inline void tl_fmu_memory_enter(tl_fmu_memory *memory);
 static inline void tl_fmu_memory_leave(tl_fmu_memory *memory);
 
@@ -164,8 +165,8 @@ size_t tl_fmu_memory_size(const tl_fmu_memory *memory);
 /* ---- inline ---- */
 
 /* Private. The first function checks for all side effects after a call. The second one checks only
- * for descriptors that the call opened through the C library. The third one saves changed exception
- * flags. */
+ * for descriptors that the call opened through the C library. The third one saves the present
+ * exception flags. */
 void tl_fmu_memory_watched(tl_fmu_memory *memory);
 void tl_fmu_memory_check_opened(tl_fmu_memory *memory);
 void tl_fmu_memory_keep_flags(tl_fmu_memory *memory);

@@ -1,7 +1,7 @@
 /* Regions: the writable memory of an FMU's own libraries.
  *
- * Purpose: the regions contain the global and static variables of the FMU's binary, of the
- *          libraries in its folder, and of other libraries that no other FMU uses. They include
+ * Purpose: the regions contain the global and static variables of the FMU's libraries: its binary,
+ *          the libraries in its folder, and others that no other FMU uses. They include
  *          thread-local variables of the thread that calls the FMU. Memory that only the loader
  *          writes is left out.
  * Shared:  a library that the program or several FMUs use is not part of any FMU's regions. The

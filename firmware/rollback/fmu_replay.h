@@ -46,7 +46,7 @@ typedef struct tl_fmu_setup {
 /* Zeroed: empty. */
 typedef struct tl_fmu_prologue {
     struct tl_fmu_prologue_call *first, *last; /* private */
-    bool is_cut;
+    bool is_cut;                               /* memory was out: the list is incomplete */
 } tl_fmu_prologue;
 
 /* Appends a call. `references` (NULL: none) and `values`: as in FMI, `count` of each. Both are
