@@ -13,8 +13,8 @@
 typedef enum tl_change_kind {
     TL_CHANGE_NONE,     /* all values are the same */
     TL_CHANGE_IN_PLACE, /* the twin applies it at the start of a tick, and keeps its state and learned values */
-    TL_CHANGE_NEW_TWIN, /* other FMUs, parameters, connections or search: a second twin takes over */
-    TL_CHANGE_RESTART,  /* everything else restarts the run: sources, signals, cycle, database */
+    TL_CHANGE_NEW_TWIN, /* other FMUs, parameters, connections or search: a second twin (shadow) replaces the twin */
+    TL_CHANGE_RESTART,  /* sources, signals, cycle, database and all others: the run restarts */
     TL_CHANGE_KINDS
 } tl_change_kind;
 
@@ -24,10 +24,11 @@ typedef enum tl_change_kind {
  * - changes electrical settings of a line, for example a pull-up resistor;
  * - may remove recorded runs;
  * - changes how the process is scheduled;
- * - changes what the twin is compared with: measurements, strokes (intervals from a start signal to
- *   an event, each searched as a whole), macro step. For a wider tolerance see retune/worker.h.
- * TL_RIGHT_BOX is needed for a change that names a new library or file, or removes the confinement
- * of FMUs. Requests over the network, and those with `--right`, cannot make such a change. */
+ * - changes what the twin is compared with: measurements, event horizons (strokes), macro step. For
+ *   a wider tolerance see retune/worker.h.
+ * TL_RIGHT_BOX is needed for a change that names a library, file or FMU file that is not allowed
+ * yet, or removes the confinement of FMUs. Requests over the network, and those with `--right`,
+ * cannot make such a change. */
 typedef enum tl_change_right {
     TL_RIGHT_READ,       /* no change */
     TL_RIGHT_RETUNE,     /* a change of values that names no other host, device, file or component */

@@ -1,4 +1,4 @@
-/* JSON texts: validation, reading of flat objects, writing.
+/* JSON texts: validates them, reads small objects, and writes objects.
  *
  * Thread:  one per reader or writer.
  */
@@ -21,11 +21,11 @@
  * Stricter: rules in addition to those of the RFC. No \u0000, because texts are C strings. No
  *           number that is infinite as a double. At most TL_JSON_NUMBER_CHARS characters in a
  *           number, because cJSON would truncate a longer one. At most TL_JSON_MAX_DEPTH levels of
- *           brackets. This check does not find duplicate keys; json_document.h does, after
- *           decoding.
- * Bound:   time O(size), no recursion. `lines` needs 4 bytes for each '[', ',' and ':' in the text,
- *          plus 4 bytes.
- * Memory:  all in the caller's arena.
+ *           brackets.
+ * Not found: duplicate keys; json_document.h finds them after decoding.
+ * Bound:   time O(size), no recursion.
+ * Memory:  only `lines`, in the caller's arena: 4 bytes for each '[', ',' and ':' in the text, plus
+ *          4 bytes.
  * Thread:  no shared state.
  */
 
@@ -39,12 +39,12 @@ typedef struct tl_json_lines {
 } tl_json_lines;
 
 /* Validates `text` (`size` < 4 GiB, no NUL needed). Allocates `lines` in the arena.
- * Errors: TL_BAD_DATA for the first error, "line 3, column 7: found …, expected …" (columns count
- *         characters, from 1); TL_TRY_AGAIN if memory is out. */
+ * Errors:  TL_BAD_DATA for the first error, "line 3, column 7: found …, expected …" (columns count
+ *          characters, from 1); TL_TRY_AGAIN if memory is out. */
 tl_status tl_json_text_check(const char *text, size_t size, tl_arena *arena, tl_json_lines *lines, tl_error *error);
 
-/* Returns whether all of `text` can be displayed unchanged: valid UTF-8 without control characters
- * (also tabs), direction marks and invisible characters (text.h). */
+/* Returns true if all of `text` can be displayed unchanged: valid UTF-8 without control characters
+ * (including tabs), direction marks and invisible characters (text.h). */
 bool tl_text_is_plain(const char *text);
 
 /* Copies `text` for display. Characters that cannot be displayed become escapes: \t, or for example
@@ -57,16 +57,16 @@ void tl_text_for_people(const char *text, char *copy, size_t size);
  * Purpose: reads a few members by their keys. To report the position of an error in a file, use
  *          firmware/config/json_document.h.
  * Use:     check `right` after all members are read.
- * Errors:  if a member is missing or has another type, `right` becomes false and its value is 0,
- *          false or "".
- * Owner:   the caller frees the reader; the texts are valid until then.
+ * Errors:  if a member is missing or has another type, `right` becomes false and the function
+ *          returns 0, false or "".
+ * Owner:   the caller frees the reader; texts from it are valid until then.
  * Thread:  one thread.
  */
 
 struct cJSON;
 
 typedef struct tl_json_reader {
-    struct cJSON *root; /* NULL: the text is no JSON object */
+    struct cJSON *root; /* private; NULL: there is no JSON text */
     bool right;         /* no error so far */
 } tl_json_reader;
 
@@ -78,7 +78,7 @@ tl_json_reader tl_json_reader_of(const char *text, size_t size);
 tl_json_reader tl_json_file_read(const char *path);
 
 /* Each of these reads the first member with this key. A count is a number ≥ 0 and < 9e15, rounded
- * down. tl_json_has() returns whether the key exists; it ignores the case of letters. */
+ * down. tl_json_has() returns true if the key exists; it ignores the case of letters. */
 uint64_t tl_json_count(tl_json_reader *reader, const char *key);
 bool tl_json_has(const tl_json_reader *reader, const char *key); /* for members that older versions do not write */
 double tl_json_number(tl_json_reader *reader, const char *key);
@@ -89,19 +89,21 @@ void tl_json_reader_free(tl_json_reader *reader);
 
 /* ---- Writer: builds one JSON object in memory and writes it completely or not at all.
  *
- * Purpose: this writer writes all JSON of the program. Each call adds a value at the end of the
- *          innermost open object or array. `key` is NULL in an array.
+ * Purpose: each call adds a value at the end of the innermost open object or array. `key` is NULL
+ *          in an array. Writing the object does not need tl_json_close() before.
  * Numbers: 15 digits; 17 if the relative error of 15 digits exceeds 2^-52. A number that is not
- *          finite becomes null, because JSON has neither NaN nor infinity.
- * Errors:  if memory is out, only the functions that write the object report it.
+ *          finite becomes null, because JSON has neither NaN nor infinity. Counts are exact up to
+ *          10^15.
+ * Errors:  if memory is out, only the functions that write the object report this.
  * Owner:   the caller frees the writer; keys and texts are copied.
  * Thread:  one thread.
  */
 
-enum { TL_JSON_WRITER_DEPTH = 8 };
+enum { TL_JSON_WRITER_DEPTH = 8 }; /* maximum number of nested levels */
 
 struct cJSON;
 
+/* Fields are private. */
 typedef struct tl_json_writer {
     struct cJSON *open[TL_JSON_WRITER_DEPTH]; /* open objects and arrays, outermost first; NULL: memory was out */
     size_t depth;                             /* number of open objects and arrays */
@@ -119,22 +121,24 @@ void tl_json_add_count(tl_json_writer *writer, const char *key, uint64_t count);
 void tl_json_add_text(tl_json_writer *writer, const char *key, const char *text);
 
 /* Opens an object or array inside the innermost one; at most TL_JSON_WRITER_DEPTH levels, including
- * the outermost. */
+ * the outermost (asserted). */
 void tl_json_open_object(tl_json_writer *writer, const char *key);
 void tl_json_open_array(tl_json_writer *writer, const char *key);
 
-/* Closes the innermost object or array; never the outermost. */
+/* Closes the innermost object or array, but never the outermost (asserted). */
 void tl_json_close(tl_json_writer *writer);
 
 /* Prints the object, indented, and a newline. Errors: TL_TRY_AGAIN if memory was out; then nothing
  * is printed. The caller checks `file` for write errors. */
 tl_status tl_json_writer_print(const tl_json_writer *writer, FILE *file, tl_error *error);
 
-/* Writes the object to a file, completely or not at all (tl_new_file). Errors: TL_TRY_AGAIN. */
+/* Writes the object to a file, completely or not at all (tl_new_file). Errors: TL_TRY_AGAIN if
+ * memory is out or the file cannot be written. */
 tl_status tl_json_file_write(const tl_json_writer *writer, const char *path, tl_error *error);
 
-/* Writes the object as one line without a newline, and a NUL. Returns its length; 0 if memory was
- * out or it does not fit into `room` bytes. cJSON needs a few bytes more than the line has. */
+/* Writes the object as one line without a newline, and a NUL. Returns the length of the line; 0 if
+ * memory was out or the line does not fit into `room` bytes. cJSON needs a few bytes of `room` more
+ * than the line has. */
 size_t tl_json_writer_line(const tl_json_writer *writer, char *line, size_t room);
 
 void tl_json_writer_free(tl_json_writer *writer);

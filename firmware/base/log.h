@@ -36,29 +36,30 @@ typedef enum tl_log_level {
     TL_LOG_DEBUG = 7
 } tl_log_level;
 
-/* In place of a level: a line that has none, for example of an FMU. */
+/* Used instead of a level for a line that has none, for example of an FMU; always logged. */
 enum { TL_LOG_FOREIGN = -1 };
 
 /* From now on drops messages with a higher number than `level`. Default: TL_LOG_NOTICE. */
 void tl_log_set_level(tl_log_level level);
 
 /* From now on each line starts with its level, as for the journal: "<4>text". So another process
- * can relay it with this level (relay.h, tl_log_level_of()). */
+ * can forward the line with this level (relay.h, tl_log_level_of()). */
 void tl_log_use_levels(void);
 
+/* Logs a message; `format` as for printf(). May wait for stderr. Does not change errno. */
 void tl_log(tl_log_level level, const char *format, ...) TL_PRINTF(2, 3);
 
-/* Logs a line without a prefix, at any level. The line must have no control characters: clean it
- * first (relay.h). Beyond TL_LOG_PLAIN bytes it is truncated. */
+/* Logs a line without a prefix, whatever the level is. The line must have no control characters:
+ * clean it first (tl_clean_text()). The line is truncated to TL_LOG_PLAIN bytes. */
 void tl_log_plain(const char *line);
 
-/* Logs a line of another process; the line must be as for tl_log_plain(). `level`: a tl_log_level,
- * or TL_LOG_FOREIGN for a line of an FMU. Waits at most `patience` ms for each PIPE_BUF bytes of
- * the line; -1: no limit. Returns false if stderr did not accept the whole line in time; then the
- * rest is dropped. */
+/* Logs a line of another process, clean as for tl_log_plain(). `level`: a tl_log_level, or
+ * TL_LOG_FOREIGN for a line of an FMU, which gets the prefix "fmu: ". Waits at most `patience` ms
+ * for each PIPE_BUF bytes of the line; -1: no limit. Returns false if stderr did not accept the
+ * whole line in time; then the rest is dropped. */
 bool tl_log_foreign(int level, const char *line, int patience);
 
-/* Returns whether tl_log() or tl_log_foreign() has logged an error in this process. Errors by
+/* Returns true if tl_log() or tl_log_foreign() has logged an error in this process. Errors by
  * tl_log_limited() do not count. Any thread. */
 bool tl_log_has_error(void);
 
@@ -67,21 +68,21 @@ bool tl_log_has_error(void);
  * to the whole line. */
 int tl_log_level_of(const char *line, const char **text);
 
-/* Sets the status line if stderr is a terminal. It is truncated to the terminal's columns and
- * TL_LOG_TEXT bytes. NULL removes it. */
+/* Sets the status line if stderr is a terminal; NULL removes it. The line is truncated to the
+ * terminal's columns and TL_LOG_TEXT bytes. */
 void tl_log_status(const char *line);
 
-/* Writes the prefix of this level to `prefix`. `size`: its bytes, TL_LOG_PREFIX is enough. For code
- * that will write a line without tl_log(), such as a signal handler. */
+/* Writes the prefix of this level to `prefix`, which has `size` bytes; TL_LOG_PREFIX is enough. For
+ * code that will write a line without tl_log(), such as a signal handler. */
 void tl_log_prefix(tl_log_level level, char *prefix, size_t size);
 
 /* Limits the messages of one source per second. Initialise it with TL_LOG_LIMITER(). Fields are
  * private. */
 typedef struct tl_log_limiter {
-    uint32_t per_second;
-    uint32_t second;
-    uint32_t in_second;
-    uint32_t dropped;
+    uint32_t per_second; /* maximum number of messages in one second */
+    uint32_t second;     /* the present second */
+    uint32_t in_second;  /* messages in it, dropped ones included */
+    uint32_t dropped;    /* dropped messages whose number was not logged yet */
 } tl_log_limiter;
 
 /* Initialiser of a limiter: this many messages per second. */

@@ -1,5 +1,5 @@
-/* Standard output: writes a result completely or fails. Also shows the progress of long work on
- * standard error.
+/* Standard output: writes a result and reports if it was not written completely. Also shows the
+ * progress of long work on standard error.
  *
  * Thread:  the main thread.
  */
@@ -15,7 +15,7 @@
 /* ---- Result of a verb on standard output, protected from the FMUs.
  *
  * Purpose: some vendors' FMUs print to standard output, which would corrupt a JSON object or a CSV
- *          file. After tl_output_claim(), what FMUs print goes to standard error. The program's
+ *          file. After tl_output_claim(), output of FMUs goes to standard error, and the program's
  *          results go to the real standard output.
  * Thread:  call tl_output_claim() once, before FMUs are loaded.
  */
@@ -24,13 +24,13 @@
  * error. If no new stream can be opened, returns stdout and redirects nothing. */
 FILE *tl_output_claim(void);
 
-/* Call it after the last output; it flushes `output` and leaves it open. If a write failed and
- * `status` is TL_OK or TL_NOT_LOCKED, logs an error and returns TL_TRY_AGAIN. Otherwise returns
- * `status`, which reports an earlier failure or none. */
+/* Flushes `output` and leaves it open. Call it after the last output. `status`: the result of the
+ * verb so far. If a write failed and `status` is TL_OK or TL_NOT_LOCKED, logs an error and returns
+ * TL_TRY_AGAIN. Otherwise returns `status`. */
 tl_status tl_output_finish(FILE *output, tl_status status);
 
-/* ---- Progress of long work: one line on a terminal, redrawn a few times a second; nothing if
- * stderr is no terminal.
+/* ---- Progress of long work: one line on stderr, redrawn up to 5 times a second. Without a
+ * terminal, nothing is shown.
  *
  * Thread: one thread.
  */

@@ -1,10 +1,10 @@
 /* Command line: parses and validates the options of a verb of `twinlock` or `twinlock-serve`, and
- *               prints its help.
+ * prints the help of the verb.
  *
  * Purpose: each program has one table of its verbs and options. The shell completion
  *          (board/debian/twinlock.bash) and the manual pages (tests/package) parse the help text.
  *          If you change its format, change them too.
- * Owner:   values that are texts point into the command line and are valid as long as it is.
+ * Owner:   values that are texts point into the command line, and are valid as long as argv.
  * Thread:  one thread, at the start of the process.
  */
 #ifndef TL_FIRMWARE_BASE_PROGRAM_OPTIONS_H
@@ -23,7 +23,7 @@ enum { TL_OPTIONS_MOST = 80, TL_OPTION_LIST = 8 };
 typedef struct tl_verb_row {
     const char *name;
     const char *usage;       /* for example "CONFIG [options]" */
-    const char *noun;        /* what the only argument is: "configuration"; NULL: the caller checks the arguments */
+    const char *noun;        /* the verb has one argument: "configuration"; NULL: the caller checks the arguments */
     const char *purpose;     /* for the list of verbs, half a line; NULL: not in the list */
     const char *description; /* one paragraph, wrapped when printed */
     const char *examples;    /* command lines; no newline after the last one */
@@ -33,7 +33,7 @@ typedef struct tl_option {
     unsigned verbs; /* verbs that have this option: bit 1 << index of the verb's row */
     const char *name;
     const char *value;                            /* name of its value in the help; NULL: no value */
-    bool (*read)(const char *text, void *target); /* stores a value; false: it is invalid; NULL: prints the help */
+    bool (*read)(const char *text, void *target); /* stores a value; false: invalid value; NULL: prints the help */
     size_t offset;                                /* offset of `target` in the settings of the verb */
     const char *help;                             /* is wrapped when printed */
     const char *expected; /* description of valid values, for the error; NULL: `read` accepts all */
@@ -64,20 +64,22 @@ typedef struct tl_option_list {
     size_t count;
 } tl_option_list;
 
-/* Values of tl_option.read. They store true in a bool, the text in a const char *, or append the
- * text to a tl_option_list. tl_option_listed() returns false if the list is full. */
+/* Functions for tl_option.read. The first one stores true in a bool. The second one stores the text
+ * in a const char *. The third one appends the text to a tl_option_list, and returns false if the
+ * list is full. */
 bool tl_option_switch(const char *text, void *target);
 bool tl_option_text(const char *text, void *target);
 bool tl_option_listed(const char *text, void *target);
 
 /* Parses the words after argv[0] into `settings`, in which the caller has set the defaults. `verb`:
- * index of its row. An option may be shortened if it stays unambiguous. Options and other words may
- * be mixed. Reorders `argv`; sets *words to the `count` other words in it, in their order. */
+ * index of the verb's row. An option may be shortened if it stays unambiguous; -h prints the help.
+ * Options and other words may be mixed. Reorders `argv`: *words are the *count other words in it,
+ * in their order. */
 tl_options_outcome tl_program_options_read(const tl_option_table *table, size_t verb, int argc, char **argv,
                                            void *settings, char ***words, size_t *count);
 
-/* Prints to standard error that the command line is wrong, and the usage of the verb. `format`: a
- * sentence without a full stop. Returns TL_OPTIONS_WRONG. */
+/* Prints an error in the command line and the usage of the verb to standard error. `format`: a
+ * sentence without a full stop, as for printf(). Returns TL_OPTIONS_WRONG. */
 tl_options_outcome tl_options_refuse(const tl_verb_row *verb, const char *format, ...) TL_PRINTF(2, 3);
 
 /* Prints the text of `twinlock VERB --help` to standard output. */

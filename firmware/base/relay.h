@@ -1,16 +1,17 @@
-/* Relay: reads the output of another process from a pipe and passes it on as lines, with control
- *        characters escaped.
+/* Relay: reads the output of another process from a pipe and forwards it as lines, with control
+ * characters escaped.
  *
- * Purpose: output of an FMU cannot control the terminal, fake a line end, or change the text
+ * Purpose: output of an FMU must not control the terminal, fake a line end, or change the text
  *          direction (text.h).
- * Lines:   passes on complete lines. A line longer than TL_RELAY_LINE bytes is passed on in parts,
- *          each as a line; no UTF-8 character is split.
- * Bounds:  one call reads at most TL_RELAY_DRAIN bytes, so that a process that never stops printing
- *          cannot block the caller. There is no limit per second: unread output stays in the pipe,
- *          and the printing process waits.
+ * Lines:   only complete lines are forwarded. A line longer than TL_RELAY_LINE bytes is forwarded
+ *          in parts, each as a line; no UTF-8 character is split.
+ * Bounds:  one call reads about TL_RELAY_DRAIN bytes at most, so that a process that never stops
+ *          printing cannot block the caller. There is no limit per second: unread output stays in
+ *          the pipe, and the printing process waits.
  * Owner:   the caller owns the struct; the relay owns the descriptor and closes it.
  * Thread:  any thread may call tl_relay_drain(); a mutex serialises the calls. `pass` runs in the
- *          calling thread, with the mutex locked. Open and close it while no other thread uses it.
+ *          calling thread, with the mutex locked. Open and close the relay while no other thread
+ *          uses it.
  */
 #ifndef TL_FIRMWARE_BASE_RELAY_H
 #define TL_FIRMWARE_BASE_RELAY_H
@@ -20,8 +21,8 @@
 #include <stddef.h>
 
 enum {
-    TL_RELAY_LINE = 4096,                  /* bytes of the longest line before it is divided */
-    TL_RELAY_DRAIN = 256 * 1024,           /* maximum number of bytes of one tl_relay_drain() */
+    TL_RELAY_LINE = 4096,                  /* bytes of the longest line that is not divided */
+    TL_RELAY_DRAIN = 256 * 1024,           /* bytes after which one tl_relay_drain() ends */
     TL_RELAY_CLEAN = 4 * TL_RELAY_LINE + 1 /* bytes of a clean line, including its NUL */
 };
 
@@ -35,19 +36,19 @@ typedef struct tl_relay {
     int descriptor;
     tl_relay_line *pass;
     void *context;
-    size_t used;
-    char line[TL_RELAY_LINE]; /* bytes of the line that is still incomplete */
+    size_t used;              /* bytes of `line` */
+    char line[TL_RELAY_LINE]; /* the line that is still incomplete */
 } tl_relay;
 
-/* `descriptor`: read end of a pipe; it becomes non-blocking. `pass` NULL: lines are read and
- * dropped. */
+/* Opens a relay. `descriptor`: read end of a pipe; it becomes non-blocking. `pass` receives the
+ * lines, with `context`; NULL: lines are read and dropped. */
 void tl_relay_open(tl_relay *relay, int descriptor, tl_relay_line *pass, void *context);
 
-/* Reads the available output without blocking. Returns false if all was read and no process has the
- * write end open any more. */
+/* Reads and forwards the available output without blocking. Returns false if all was read and no
+ * process has the write end open any more, or if reading failed. */
 bool tl_relay_drain(tl_relay *relay);
 
-/* Passes on a last incomplete line and closes the pipe. Unread output is lost, so call
+/* Forwards a last incomplete line and closes the pipe. Unread output is lost, so call
  * tl_relay_drain() first. */
 void tl_relay_close(tl_relay *relay);
 

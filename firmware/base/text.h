@@ -14,21 +14,21 @@
 
 /* ---- Clean text: makes untrusted text safe to display and store.
  *
- * Purpose: used for everything from an FMU process: output, log lines, errors and names. The result
+ * Purpose: used for all texts from an FMU process: output, log lines, errors and names. The result
  *          is valid UTF-8 that cannot control a terminal, fake a line end, or change the text
- *          direction. Printable characters and tabs stay. Control characters and invalid UTF-8
- *          become \xHH. C1 characters, line separators, direction marks and invisible characters
- *          become \u{HEX} (master/base/text.h).
+ *          direction. Printable characters and tabs stay. ASCII control characters and invalid
+ *          UTF-8 become \xHH. C1 control characters, line separators, direction marks and invisible
+ *          characters become \u{HEX} (master/base/text.h).
  * Thread:  pure; safe in a signal handler.
  */
 
-/* Cleans as many of `size` bytes as fit into `room` > 0 bytes with a NUL; splits no character and
- * no escape. If `bytes` are in shared memory, copy them first, because no other process may change
- * them during the call. Returns the length of `clean`. */
+/* Cleans `size` bytes into `clean`, which has `room` > 0 bytes, and adds a NUL. If the text does
+ * not fit, it is truncated between two characters or escapes. No other process may change `bytes`
+ * during the call: copy them first if they are in shared memory. Returns the length of `clean`. */
 size_t tl_clean_text(const char *bytes, size_t size, char *clean, size_t room);
 
-/* Cleans a field in place; before the call it may have no NUL. `room`: bytes of the field, at most
- * TL_CLEAN_FIELD. The result is truncated if it does not fit. */
+/* Cleans a field in place; before the call the field may have no NUL. `room`: bytes of the field,
+ * at most TL_CLEAN_FIELD. The result has a NUL and is truncated if it does not fit. */
 enum { TL_CLEAN_FIELD = 4096 };
 void tl_clean_field(char *field, size_t room);
 
@@ -38,8 +38,8 @@ void tl_clean_field(char *field, size_t room);
  * Thread:  the thread that writes `file`.
  */
 
-/* Prints a paragraph and a newline. The first line is indented by `first` blanks, all others by
- * `indent`. */
+/* Prints a paragraph and a newline. Indents the first line by `first` blanks, all others by
+ * `indent`. Words are separated by one blank. */
 void tl_wrapped_print(FILE *file, const char *text, int first, int indent);
 
 /* The same if `column` columns of the first line are already printed. */
@@ -61,8 +61,8 @@ int64_t tl_utc_now(void);
 void tl_utc_text(int64_t milliseconds, char text[TL_UTC_TEXT]);
 
 /* Parses "2026-11-21", "2026-11-21T10:02", "2026-11-21T10:02:03" or "2026-11-21T10:02:03.456" (1 to
- * 9 digits, of which 3 are used). 'T' may be a blank; a 'Z' may follow. The time is UTC in each
- * case. Returns false for any other text. */
+ * 9 digits after the point, of which 3 are used). 'T' may be a blank; a 'Z' may follow. The time is
+ * UTC in each case. Returns false for any other text. */
 bool tl_utc_parse(const char *text, int64_t *milliseconds);
 
 /* ---- Display on a terminal: supported characters, columns, numbers, durations, small curves.
@@ -72,7 +72,7 @@ bool tl_utc_parse(const char *text, int64_t *milliseconds);
  * Thread:  pure; a table belongs to one thread.
  */
 
-/* What the output can display. All false: no terminal; then UTF-8 is printed without colours. */
+/* Abilities of the output. All false: no terminal; then UTF-8 is printed without colours. */
 typedef struct tl_show_style {
     bool unicode; /* a terminal that displays UTF-8 */
     bool colour;  /* a terminal that displays colours, and the user has not disabled them */
@@ -83,49 +83,53 @@ typedef struct tl_show_style {
 tl_show_style tl_show_style_of(FILE *file);
 
 /* Returns the number of bytes of the UTF-8 character at `text`, which must not be the NUL; 1 for an
- * invalid byte. Sets *is_control to true for an invalid byte, and for a character that controls a
- * terminal, changes the text direction or is invisible (master/base/text.h). */
+ * invalid byte. Sets *is_control to true if the character must not be shown: an invalid byte, a
+ * control character, a direction mark or an invisible character (master/base/text.h). */
 size_t tl_show_character(const char *text, bool *is_control);
 
-/* Copies a text for printing. Control characters become "?"; with style.ascii, all characters that
- * are not ASCII too. Truncates the copy to `size` bytes. */
+/* Copies a text for printing. Each control character (as in tl_show_character()) becomes "?"; with
+ * style.ascii, also each character that is not ASCII. Truncates the copy to `size` bytes with its
+ * NUL. */
 void tl_show_clean(tl_show_style style, const char *text, char *clean, size_t size);
 
-/* "0.0031", "1.2e-07", "0"; "-" if not finite. `sign`: write + before positive numbers. */
+/* Writes "0.0031", "1.2e-07", "0"; "-" if not finite. At most 5 significant digits. With `sign`,
+ * positive numbers get a +, and there are at most 4 digits. */
 void tl_show_number(double value, bool sign, char *text, size_t size);
 
-/* Writes the shortest text that parses to the same number. */
+/* Writes a number with 15 to 17 digits: the fewest with which it parses to the same number. */
 void tl_show_exact(double value, char *text, size_t size);
 
-/* "0.35 s", "14 s", "1 min 30 s", "2 h 5 min", "3 d 4 h". */
+/* Writes "0.35 s", "14 s", "1 min 30 s", "2 h 5 min", "3 d 4 h". */
 void tl_show_duration(double seconds, char *text, size_t size);
 
-/* "12.4 MB" */
+/* Writes "12.4 MB"; units of 1000, from B to TB. */
 void tl_show_bytes(double bytes, char *text, size_t size);
 
 /* Draws one character per value; its height is scaled between the smallest and the largest value. A
- * value that is not finite is blank. A character needs 3 bytes with style.unicode, else 1. */
+ * value that is not finite is blank. A character needs 3 bytes with style.unicode, else 1.
+ * Truncates to `size` bytes. */
 void tl_show_curve(tl_show_style style, const double *values, size_t count, char *text, size_t size);
 
 /* Maximum number of columns of a table; bytes of a curve of 64 values. */
 enum { TL_SHOW_COLUMNS = 16, TL_SHOW_CURVE = 64 * 3 + 1 };
 
-/* Table of cells, printed with columns as wide as necessary. */
+/* Table of cells, printed with columns as wide as necessary. Fields are private, except `columns`,
+ * which the caller may reduce before the first cell. */
 typedef struct tl_show_table {
     tl_show_style style;
     const char *alignment; /* one letter per column */
     size_t columns;        /* at most TL_SHOW_COLUMNS */
     char **cells;
-    size_t count; /* of cells, in all rows */
-    bool failed;  /* memory is out */
+    size_t count; /* number of cells in all rows */
+    bool failed;  /* memory was out */
 } tl_show_table;
 
-/* Initialises a table. `alignment`: one letter per column, 'l' (left) or 'r' (right); it must stay
- * valid until the end. */
+/* Initialises a table. `alignment`: one letter per column, 'l' (left) or 'r' (right); the text must
+ * stay valid until the end. */
 void tl_show_table_begin(tl_show_table *table, tl_show_style style, const char *alignment);
 
-/* Adds the next cell, row by row. Cleans the text (tl_show_clean()) and truncates it to 511
- * bytes. */
+/* Adds the next cell, row by row; `format` as for printf(). Cleans the text (tl_show_clean()) and
+ * truncates it to 511 bytes. */
 void tl_show_table_add(tl_show_table *table, const char *format, ...) TL_PRINTF(2, 3);
 
 /* Prints the table with two blanks before each row and between columns, and frees it. The first row

@@ -21,10 +21,12 @@
  * Thread:  one thread at a time.
  */
 
-/* Opens a library; it may be open already. The loader searches for a `path` without a slash.
- * Errors:  TL_BAD_DATA if it cannot be opened, or if it is a second Python library. The symbols
- *          of the first one would hide those of the second one: all FMUs would use the first one.
- *          TL_TRY_AGAIN if memory or descriptors are missing. */
+/* Opens a library; it may be open already. The loader searches for a `path` without a slash. With a
+ * Python library, sets OPENBLAS_NUM_THREADS=1 if the variable is missing, because threads of NumPy
+ * would prevent rollback by memory.
+ * Errors:  TL_BAD_DATA if the library cannot be opened, or if it is a second Python library: all
+ *          FMUs would use the symbols of the first one. TL_TRY_AGAIN if memory or descriptors are
+ *          missing. */
 tl_status tl_library_open(const char *path, tl_error *error);
 
 /* ---- Finds, checks and opens the binary of an unpacked FMU.
@@ -32,24 +34,24 @@ tl_status tl_library_open(const char *path, tl_error *error);
  * Purpose: fills a guard with the FMU's functions. ELF class, byte order, machine and file type are
  *          checked before the binary is opened, so that the error can name the problem.
  * Owner:   the process. A binary is never closed: it may have started threads or registered exit
- *          handlers, and these would run in unmapped memory.
+ *          handlers, and their code would be unmapped.
  * Errors:  TL_BAD_DATA: the text names the binary, what was found and what this machine needs.
  *          TL_TRY_AGAIN if the folder is mounted noexec, or if descriptors, memory or disk are
  *          missing.
  * Thread:  one: the thread that calls the FMU's functions.
  */
 
-/* Opens the binary and fills the guard. `folder`: absolute path of the unpacked FMU. All files
- * beside the binary must exist, because the binary may load libraries from its folder. A binary
- * with another name than modelIdentifier is used, and logged, if it is the only one in its folder,
- * or if only the letter case differs. Libraries that share a name with those of another FMU are
- * replaced by renamed copies first (own_copies.h). Optional functions that the model does not claim
- * are NULL in the table. */
+/* Opens the binary and fills the guard. `folder`: absolute path of the completely unpacked FMU,
+ * because the binary may load libraries from it. `label` names the FMU in errors. If no binary is
+ * named as modelIdentifier, uses and logs the only binary in its folder, or one whose name differs
+ * in letter case only. Libraries that share a name with those of another FMU are replaced by
+ * renamed copies first (own_copies.h). State functions that the model does not claim are NULL in
+ * the table. */
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
                              tl_error *error);
 
-/* Assigns a library that tl_library_open() has opened to an open FMU, so that the FMU's states
- * contain its data if no other FMU uses it. */
+/* Assigns the library `path`, opened by tl_library_open(), to the open FMU in `folder`. Then the
+ * FMU's states contain the library's data, unless another FMU uses the library too. */
 void tl_library_claim(const char *path, const char *folder, const tl_fmu_guard *guard);
 
 #endif

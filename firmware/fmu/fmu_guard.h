@@ -5,20 +5,21 @@
  *              (fmu_call.h);
  *            - restores the floating-point control bits (host_state.h) and the locale of the
  *              thread, without a system call;
- *            - after loading, instantiating, initialising, resetting and freeing, and in turn at
- *              each tick: restores all other process state that an FMU may have changed
- *              (host_state.h), and logs this once;
+ *            - after loading, instantiating, initialising, resetting and freeing: restores all
+ *              other process state that an FMU may have changed (host_state.h), and logs this once;
+ *              at the ticks, tl_fmu_guard_tick() does this part by part;
  *            - leaves out a far stop time (TL_EXPERIMENT_FAR) for FMUs of OpenModelica;
- *            - if the FMU refuses a start time other than 0: starts it at 0, shifts its time, and
- *              logs this;
+ *            - if the FMU refuses a start time other than 0: starts the FMU at 0, shifts its time,
+ *              and logs this;
  *            - reports an error if the FMU returns fmi2OK without a state;
- *            - catches crashes in its own state functions until the rollback is proved: they count
- *              as fmi2Error, so that the next rollback method is used;
+ *            - catches crashes in the FMU's own state functions until the rollback is proved: a
+ *              crash counts as fmi2Error, so that the next rollback method is used. A crash in
+ *              serialising is always caught and counts as fmi2Discard;
  *            - if the FMU is rolled back by memory (rollback/fmu_memory.h): serves its allocations
  *              from its own heap, and saves and restores copies instead of calling the FMU's state
  *              functions;
- *            - if the FMU is rolled back by replay (rollback/fmu_replay.h): notes its inputs.
- *          A caller uses the table as it would use the FMU's own functions.
+ *            - if replay is possible (rollback/fmu_replay.h): notes the calls of the FMU.
+ *          A caller uses the table like the FMU's own functions.
  * Owner:   the caller provides the memory of a guard and must not move it before
  *          tl_fmu_guard_close(). The master decides when a state is saved, restored and freed
  *          (master/fmi/component.h); the guard executes this. The memory of a state belongs to the
@@ -34,9 +35,9 @@
 #include "firmware/process/fmu_call.h"
 #include "master/fmi/fmi2.h"
 
-/* Initialises a guard before the FMU is loaded; from then on calls may go through it. `name` and
- * `generator` come from the model description. Afterwards the caller opens `memory` and sets the
- * allowed rollback methods. */
+/* Initialises a guard before the FMU is loaded. `name`: modelName, `generator`: generationTool of
+ * the model description. Afterwards the caller opens `memory` and sets the allowed rollback methods
+ * (guarded_fmu.h). */
 void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *generator);
 
 /* Call them before and after a call of the FMU that does not go through the table: opening its
@@ -44,17 +45,18 @@ void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *genera
 void tl_fmu_guard_enter(tl_fmu_guard *guard, tl_fmu_function function);
 void tl_fmu_guard_leave(tl_fmu_guard *guard);
 
-/* Fills the table for callers. `own`: the functions of the FMU, which its binary exports. */
+/* Fills the table for callers and chooses the first rollback method. `own`: the functions that the
+ * FMU's binary exports; they are copied. */
 void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own);
 
-/* Frees what the guard owns: wrappers of instances, and its copies. States of the FMU's own must
- * have been freed before (tl_component_forget()). Use no instance afterwards. Memory of instances
- * that still exist is freed without a call of the FMU. A zeroed guard is allowed. */
+/* Frees what the guard owns: wrappers of instances, and its copies. The FMU's own states must have
+ * been freed before (tl_component_forget()). Use no instance afterwards. Wrappers of instances that
+ * still exist are freed without a call of the FMU. A zeroed guard is allowed. */
 void tl_fmu_guard_close(tl_fmu_guard *guard);
 
 /* Restores process state that any FMU may have changed, and logs each kind of change once per
- * process. `whole`: all of it; else one system call: one kind in turn, all within
- * TL_HOST_STATE_TURNS calls. */
+ * process. `whole` true: restores all of it; false: a part, with at most three system calls. After
+ * TL_HOST_STATE_TURNS calls, all parts were restored. */
 void tl_fmu_guard_tick(bool whole);
 
 #endif

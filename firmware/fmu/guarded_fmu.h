@@ -16,50 +16,51 @@
 #include "firmware/rollback/fmu_replay.h"
 #include "master/fmi/fmi2.h"
 
-/* The caller provides the memory. Fields are private, except the first two and those that are set
- * before the FMU is loaded (see tl_fmu_guard_open()). "Proof" is the rollback proof before a run
- * (master/sync/proof.h). "Copy" is a copy of the FMU's memory. */
+/* The caller provides the memory. Before the FMU is loaded, the caller sets `memory`, `by_memory`,
+ * `may_replay`, `by_replay`, `most` and `is_free`. All other fields are private, except the first
+ * two. "Proof": the rollback proof before a run (master/sync/proof.h). "Copy": a copy of the FMU's
+ * memory. */
 typedef struct tl_fmu_guard {
     tl_fmi2 functions; /* the table for callers; a function is NULL if the FMU lacks it or if twinlock never calls it */
     fmi2CallbackFunctions callbacks;     /* to be passed to functions.instantiate; their environment is this guard */
-    tl_fmi2 own;                         /* private, from here on: the FMU's functions */
+    tl_fmi2 own;                         /* the FMU's functions */
     fmi2CallbackFunctions fmu_callbacks; /* callbacks that the FMU gets */
     tl_fmu_logger logger;
     tl_fmu_memory *memory;    /* NULL: the FMU cannot be rolled back by memory */
-    tl_fmu_memory own_memory; /* used by `memory`, unless the FMU shares that of all FMUs in Python */
+    tl_fmu_memory own_memory; /* `memory` points to it, unless the FMU shares the memory of all FMUs in Python */
     bool by_memory;           /* memory is the method in use; if not, it may be the fallback if own states are wrong */
     bool may_replay;          /* rollback by replay is allowed if no other method works */
     bool by_replay;           /* replay is the method in use */
-    bool renews;   /* private: a reset frees and instantiates the FMU again, because fmi2Reset fails or is incomplete */
-    uint32_t most; /* replay can roll back at most this many steps after the start */
-    bool sets_inputs; /* private: own states are used, and the last inputs are set again after each restore */
-    bool was_remaining_reported;    /* private: the side effects that prevent a copy were logged */
-    bool was_environment_reported;  /* private: environment variables that it changes were logged */
-    bool was_writing_reported;      /* private: files that it writes were logged */
-    bool was_construction_reported; /* private: memory of a library that it opened in a step was logged */
+    bool renews;      /* a reset frees and instantiates the FMU again, because fmi2Reset fails or is incomplete */
+    uint32_t most;    /* replay can roll back at most this many steps after the start */
+    bool sets_inputs; /* own states are used, and the last inputs are set again after each restore */
+    bool was_remaining_reported;    /* side effects that prevent a copy were logged */
+    bool was_environment_reported;  /* that the FMU changes environment variables was logged */
+    bool was_writing_reported;      /* that the FMU writes files was logged */
+    bool was_construction_reported; /* that the FMU has opened a library in a step was logged */
     void *
-        instantiated; /* private: copy of the memory from after fmi2Instantiate, to reset an FMU that is rolled back by memory; NULL: no copy */
-    void *full_copy;  /* private: copy of the memory from the start of the proof; NULL: no copy */
-    void *noted;      /* private: copy of the memory, to compare with it during the proof; NULL: no copy */
-    bool was_proved;  /* private: the proof has ended; only a copy chosen for speed may still fall back to states */
-    uint32_t name;    /* number of the FMU's name in fmu_call.h, for calls without an instance */
+        instantiated; /* copy from after fmi2Instantiate, to reset an FMU that is rolled back by memory; NULL: no copy */
+    void *full_copy;  /* copy from the start of the proof; NULL: no copy */
+    void *noted;      /* copy that the proof compares with the present memory; NULL: no copy */
+    bool was_proved;  /* the proof has ended; only copies chosen for speed may still be replaced by own states */
+    uint32_t name;    /* number of the FMU's name (tl_fmu_calls_name()), for calls without an instance */
     unsigned logged_changes; /* bits: changes of the process that were already logged, for calls without an instance */
-    tl_fmi2 by_states;       /* private: the table with the FMU's own state functions */
+    tl_fmi2 by_states;       /* the table with the FMU's own state functions */
     bool is_by_choice;       /* copies are in use because they are faster; the FMU's own states are exact too */
-    tl_fmi2_times times;
+    tl_fmi2_times times;     /* measured durations of both methods, if is_by_choice */
     fmi2FMUstate
-        beginning; /* private: the FMU's own state from the start of the proof, while copies are proved; NULL: not saved */
-    bool is_by_openmodelica; /* private: generator of the FMU */
+        beginning; /* the FMU's own state from the start of the proof, while copies are proved; NULL: not saved */
+    bool is_by_openmodelica; /* the FMU was exported by OpenModelica */
     bool is_free;            /* the FMU is never rolled back */
-    bool has_crashed;        /* private: one of the FMU's own state functions crashed; none is called any more */
-    struct tl_fmu_guarded *instances;
+    bool has_crashed; /* saving, restoring or freeing an own state crashed; no such function is called any more */
+    struct tl_fmu_guarded *instances; /* list of all instances */
 } tl_fmu_guard;
 
-/* One instance. Callers of the table get it instead of the FMU's own handle. The fields that a step
- * needs come first and fit into one cache line. With many small FMUs, reading these fields is most
- * of the cost of a step. */
+/* Wrapper of one instance. Callers of the table get its address instead of the FMU's own handle.
+ * The fields that a step needs come first and fit into one cache line. With many small FMUs,
+ * reading these fields is most of the cost of a step. */
 typedef struct tl_fmu_guarded {
-    fmi2Component instance;
+    fmi2Component instance; /* the FMU's own handle */
     fmi2SetRealTYPE *set_real;
     fmi2DoStepTYPE *do_step;
     fmi2GetRealTYPE *get_real;
@@ -67,18 +68,18 @@ typedef struct tl_fmu_guarded {
     const unsigned short *table;             /* its value at instantiation; if it differs, the locale was changed */
     tl_fmu_replay *replay;                   /* notes all calls for a replay; NULL: calls are not noted */
     bool by_replay;                          /* this instance is rolled back by replay */
-    bool is_noted;                           /* it has `memory`, or its calls may be noted */
+    bool is_noted;                           /* the instance has `memory`, or its calls may be noted */
     tl_last_inputs *last_inputs;             /* notes the last inputs; NULL: not noted */
     tl_fmu_memory *memory;                   /* serves allocations of its calls; NULL: the C library serves them */
-    double shift;                            /* s; the FMU's time is smaller by this: it accepts only start time 0 */
-    uint32_t name;
-    uint64_t control;
-    const tl_fmi2 *own; /* all functions of the FMU */
-    locale_t locale;
-    unsigned logged_changes; /* bits: changes that were already logged for this instance */
+    double shift;                            /* s; the FMU's time is smaller by this, if it accepts only start time 0 */
+    uint32_t name;                           /* number of the instance's name (tl_fmu_calls_name()) */
+    uint64_t control;                        /* floating-point control bits at instantiation */
+    const tl_fmi2 *own;                      /* all functions of the FMU */
+    locale_t locale;                         /* of the thread at instantiation */
+    unsigned logged_changes;                 /* bits: changes that were already logged for this instance */
     struct tl_fmu_guard *guard;
     struct tl_fmu_guarded *next;
-    struct begun { /* arguments of its instantiation; the texts belong to the caller and must remain valid */
+    struct begun { /* arguments of fmi2Instantiate; the texts belong to the caller and must remain valid */
         fmi2String name, guid, resources;
         fmi2Type type;
         fmi2Boolean visible, logging;

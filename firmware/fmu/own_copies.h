@@ -11,7 +11,7 @@
 
 #include "master/base/status.h"
 
-/* ---- A shared library (ELF file) in memory: reads the names in it, which can be changed in place.
+/* ---- A shared library (ELF file) in memory: finds all names in it, to change them in place.
  *
  * Purpose: for the loader, two libraries with the same name are one library. So a copy gets new
  *          names. A name is only replaced by a name of the same length, so that nothing in the file
@@ -31,7 +31,7 @@ enum {
     TL_ELF_VERSIONS = 16 * 1024 /* maximum number of needed or defined symbol versions, and of their names */
 };
 
-/* The part of the file that holds `size` bytes of memory from `address` on. */
+/* The part of the file, from `offset` on, that is loaded as `size` bytes from `address` on. */
 typedef struct tl_elf_segment {
     uint64_t address;
     uint64_t offset;
@@ -50,11 +50,12 @@ typedef struct tl_elf_file {
     size_t strings;     /* offset of the string table */
     size_t strings_size;
     size_t symbols;      /* offset of the symbol table */
-    size_t symbol_count; /* public */
+    size_t symbol_count; /* public: number of symbols */
 } tl_elf_file;
 
 /* Opens a library of `size` bytes. `bytes` must outlive `file`. Returns false if this is not a
- * shared library, or if no loader could use it. */
+ * shared library, if no loader could use it, or if it exceeds a limit: number of segments or
+ * entries, or total length of symbol names. */
 bool tl_elf_open(tl_elf_file *file, uint8_t *bytes, size_t size);
 
 typedef enum tl_elf_kind {
@@ -71,7 +72,7 @@ typedef struct tl_elf_reference {
     size_t offset;
 } tl_elf_reference;
 
-/* Returns false to end the visit. */
+/* Called for each name. Returns false to end the visit. */
 typedef bool tl_elf_visitor(void *context, tl_elf_reference reference);
 
 /* Visits all names that the file refers to; those of symbols come last. */
@@ -83,25 +84,25 @@ const char *tl_elf_text(const tl_elf_file *file, size_t offset);
 
 /* One symbol; `info` points into the file. */
 typedef struct tl_elf_symbol {
-    size_t name;   /* offset of its name, as in a reference; TL_ELF_NO_NAME: not within the string table */
-    uint8_t *info; /* binding and type */
-    bool is_defined;
+    size_t name;     /* offset of its name, as in a reference; TL_ELF_NO_NAME: not within the string table */
+    uint8_t *info;   /* binding and type (st_info), in place */
+    bool is_defined; /* false: the library uses the symbol of another one */
 } tl_elf_symbol;
 
 #define TL_ELF_NO_NAME SIZE_MAX
 
-/* `index` must be below symbol_count. */
+/* Returns a symbol. `index` must be below symbol_count. */
 tl_elf_symbol tl_elf_symbol_at(const tl_elf_file *file, size_t index);
 
 /* ---- Changes names in a shared library in memory, so that the loader treats it as another
  * library.
  *
  * Purpose: the loader does not load a library again if it already knows the name, even if the file
- *          is another one. So a copy that needs its own global variables is renamed, and so are all
- *          references to it.
+ *          is another one. So a copy that needs its own global variables is renamed, and all
+ *          references to it are changed.
  * Shared:  linkers store one text for several names, and one name may begin inside another. So
- *          after renaming, the function reads all names of the file again: each must be unchanged
- *          or have its new value.
+ *          after renaming, tl_elf_rename_libraries() reads all names of the file again: each must
+ *          be unchanged or have its new value.
  * Trust:   the file is untrusted, see above.
  * Thread:  one at a time for each file.
  */
@@ -115,12 +116,12 @@ typedef struct tl_elf_rename {
 } tl_elf_rename;
 
 typedef enum tl_elf_outcome {
-    TL_ELF_DONE,     /* also if there was nothing to change */
+    TL_ELF_DONE,     /* success, also if there was nothing to change */
     TL_ELF_CONFLICT, /* another name shares bytes with a changed one; the file in memory must not be used any more */
     TL_ELF_NO_MEMORY
 } tl_elf_outcome;
 
-/* Renames all references to libraries with these names, and the library's own name. */
+/* Renames all references to libraries with these `count` names, and the library's own name. */
 tl_elf_outcome tl_elf_rename_libraries(tl_elf_file *file, const tl_elf_rename *renames, size_t count);
 
 /* Changes the binding of symbols from STB_GNU_UNIQUE (one in the process) to STB_GLOBAL. C++ uses
@@ -137,27 +138,27 @@ bool tl_elf_opens_libraries(const tl_elf_file *file);
  * FMUs.
  *
  * Purpose: each component is a separate model. But the loader identifies a library by its name: the
- *          second FMU that needs libtable.so silently gets that of the first FMU, with its
+ *          second FMU that needs libtable.so silently gets the library of the first FMU, with its
  *          variables. C++ also has symbols that are unique in the process. Both are changed in the
- *          files of the later FMU before the loader reads them.
+ *          files of the later FMU before the loader reads these files.
  * Unchanged: the first FMU of the process, names that no earlier FMU has loaded, and libraries of
  *            the system. Libraries inside an FMU that must exist once per process stay shared too;
  *            they are recognised by name (libc, libm, libgcc_s, libstdc++, libgfortran and
  *            similar).
- * Method:  a renamed library exists twice in the FMU's folder, under both names, so that it can
- *          still be opened by its old path.
+ * Method:  a renamed library exists twice in the FMU's folder, under both names. So it can still be
+ *          opened by its old path.
  * Limits:  a library that an FMU opens at run time (dlopen) by a name without a path stays shared.
- *          A warning is logged if an FMU uses dlopen() and an earlier FMU contains a library of the
- *          same name.
- * Owner:   the process. FMU libraries are never unloaded (RTLD_NODELETE), so the folders of all
- *          FMUs are remembered until the process ends.
+ *          A warning is logged if an FMU uses dlopen() and an earlier FMU contains a library at the
+ *          same relative path.
+ * Owner:   the process. The binaries of FMUs are never closed, so the folders of all FMUs are
+ *          remembered until the process ends.
  * Thread:  the thread that calls the FMUs.
  */
 
 /* Renames the libraries of one FMU. `folder`: absolute path of an unpacked FMU of which nothing is
  * loaded yet. `binary`: path of its binary in that folder. `label` names the FMU in errors.
- * Errors: TL_TRY_AGAIN if memory, descriptors or disk are missing. TL_BAD_DATA if a name cannot be
- *         changed because another one is part of it, or because no new name is free. */
+ * Errors:  TL_TRY_AGAIN if memory, descriptors or disk are missing. TL_BAD_DATA if a name cannot be
+ *          changed because another name shares its bytes, or because no new name is free. */
 tl_status tl_own_copies_make(const char *folder, const char *binary, const char *label, tl_error *error);
 
 #endif

@@ -1,9 +1,10 @@
 /* Rollback methods of an FMU in their order, and the functions of each in FMI's table.
  *
- * Purpose: the order is: its own states; copies of its memory; its own states, followed by setting
- *          its last inputs again; replay. If the proof finds a method wrong, tl_fmi2_fallback
- *          switches to the next one and restores the start of the proof. After the proof only one
- *          change is possible: from copies back to exact own states.
+ * Purpose: the order is: the FMU's own states; copies of its memory; own states with the last
+ *          inputs set again; replay; replay with a new instance instead of fmi2Reset. If the proof
+ *          finds a method wrong, tl_fmi2_fallback switches to the next one and restores the start
+ *          of the proof. After the proof only one change is possible: from copies back to exact own
+ *          states.
  * Thread:  the thread that calls the FMUs.
  */
 #ifndef TL_FIRMWARE_FMU_ROLLBACK_METHOD_H
@@ -11,14 +12,15 @@
 
 #include "firmware/fmu/guarded_fmu.h"
 
-/* Chooses the first rollback method again, by `memory`, `by_memory`, `by_replay` and `may_replay`.
- * Call it before the FMU is instantiated. */
+/* Chooses the first rollback method from `memory`, `by_memory`, `by_replay` and `may_replay`, and
+ * writes its functions to guard->functions. Call it before the FMU is instantiated, and again after
+ * a change of these fields. */
 void tl_rollback_method_choose(tl_fmu_guard *guard);
 
-/* Frees what the instance has noted for a replay, and its last inputs. Ends the noting. */
+/* Ends the noting of calls and inputs, and frees what was noted for this instance. */
 void tl_rollback_method_end_recording(tl_fmu_guarded *self);
 
-/* Frees the copy from after fmi2Instantiate. Allowed if there is none. */
+/* Frees the copy from after fmi2Instantiate, if there is one. */
 void tl_rollback_method_forget_instantiated(tl_fmu_guard *guard);
 
 #endif

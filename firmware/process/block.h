@@ -1,12 +1,12 @@
 /* Block: memory that two processes share. Neither process can change its size.
  *
- * Purpose: all data between processes is in sealed memfds. If a block shrank while another process
- *          uses it, that process would get SIGBUS. A sealed block can neither shrink nor grow.
+ * Purpose: processes share data in sealed memfds. If a block shrank while another process uses it,
+ *          that process would get SIGBUS. A sealed block can neither shrink nor grow.
  * Access:  each block has one writer. A reader can neither map the block for writing nor write to
  *          its descriptor. A block that we write is sealed against other writers. For a block that
  *          another process writes, readers get a read-only descriptor (tl_block_reader()).
- * Kernel:  before Linux 5.1 the receiver of a block that we write could write it too. An emulator
- *          of a foreign machine may not support seals. The field `seals` states which seals were
+ * Kernel:  before Linux 5.1 the receiver of a block that we write can write to it too. An emulator
+ *          of another machine type may not support seals. The field `seals` shows which seals are
  *          set.
  * Owner:   the caller owns the struct. The block owns its memory and its descriptor until it is
  *          closed.
@@ -23,47 +23,48 @@
 
 #include "master/base/status.h"
 
-/* Which process writes a block. The maker ("we") is the process that called tl_block_make(). The
- * receiver ("they") is the one that called tl_block_take(). Both pass the same value. */
+/* Which process writes a block. The maker ("we") is the process that called tl_block_make(). A
+ * receiver ("they") is a process that called tl_block_take(): the writer of the block passes
+ * THEY_WRITE, and each reader WE_WRITE. */
 typedef enum tl_block_writer {
     TL_BLOCK_WE_WRITE,   /* the maker, while it has the block open; the receiver reads */
     TL_BLOCK_THEY_WRITE, /* the receiver; the maker could too, but must not */
-    TL_BLOCK_SPARSE,     /* the receiver; a page takes memory on first access; the maker does not map it */
-    TL_BLOCK_IS_WRITTEN  /* no process any more: tl_block_make_of() */
+    TL_BLOCK_SPARSE,     /* only for the maker: a receiver writes; each page takes memory at its first access */
+    TL_BLOCK_IS_WRITTEN  /* no process any more: made by tl_block_make_of() */
 } tl_block_writer;
 
 /* Zeroed: no block. */
 typedef struct tl_block {
-    void *bytes;    /* start of the mapping, page-aligned; NULL: not mapped here */
+    void *bytes;    /* start of the mapping, page-aligned; NULL: not mapped in this process */
     size_t size;    /* bytes; 0: no block */
     int descriptor; /* close-on-exec */
     unsigned seals; /* F_SEAL_… that the kernel has set */
 } tl_block;
 
-/* Makes a block of zeros with `size` > 0 bytes. /proc shows it as `name`. Its memory is reserved at
- * once, except that of a sparse block. If memory runs out at the first access to a page of a sparse
- * block, the kernel kills the accessing process. If a process has mapped a sparse block readable
- * and calls mlockall(), all its pages become resident. */
+/* Makes a block of zeros with `size` > 0 bytes; /proc shows it as `name`. Reserves and maps its
+ * memory, except for a sparse block. If memory is out at the first access to a page of a sparse
+ * block, the kernel kills the accessing process. If a process has mapped a sparse block and calls
+ * mlockall(), all pages of the block become resident. */
 tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
 
-/* Returns a new read-only descriptor of a block that another process writes; close-on-exec. Its
- * receiver maps it by tl_block_take() with TL_BLOCK_WE_WRITE. The caller closes it. Returns -1 if
- * descriptors are missing. The block's file mode becomes read-only. After that a process can only
- * reopen the memory for writing if it has capabilities or may call chmod(). Existing writable
- * descriptors stay writable. Without /proc the result is a plain duplicate. */
+/* Returns a new read-only descriptor of a block that another process writes; close-on-exec. The
+ * caller closes it. A reader maps it by tl_block_take() with TL_BLOCK_WE_WRITE. Returns -1 if
+ * descriptors or memory are missing. The file mode of the block becomes read-only. After that a
+ * process can reopen the memory for writing only if it has capabilities or may call chmod().
+ * Existing writable descriptors stay writable. Without /proc the result is a plain duplicate. */
 int tl_block_reader(const tl_block *block);
 
 /* Makes a block with these bytes, which no process can change. */
 tl_status tl_block_make_of(const char *name, const void *bytes, size_t size, tl_block *block, tl_error *error);
 
 /* Maps a block that another process has made: for writing only if `writer` is TL_BLOCK_THEY_WRITE.
- * It must have exactly `size` bytes (0: any size above 0). If the kernel supports seals, its size
- * must be sealed. If `writer` is TL_BLOCK_IS_WRITTEN, it must be sealed against writing too. The
- * block owns the descriptor; on failure it is closed. */
+ * The block must have exactly `size` bytes (0: any size above 0). If the kernel supports seals, the
+ * size must be sealed; with TL_BLOCK_IS_WRITTEN also the content. The block owns the descriptor; on
+ * failure the descriptor is closed. */
 tl_status tl_block_take(int descriptor, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
 
-/* For the writing process, with the block mapped: sets all bytes to zero and returns their memory
- * to the system, also if memory is locked. Does nothing if the system does not support that. */
+/* For the process that writes the block: sets all bytes to zero and returns their memory to the
+ * system, also if memory is locked. Does nothing if the system does not support that. */
 void tl_block_forget(tl_block *block);
 
 /* Unmaps the block and closes its descriptor. A zeroed block is allowed. */

@@ -2,16 +2,16 @@
  *
  * Purpose: checks what kernel limits do not cover: the size of a folder, its number of files, and
  *          the number of threads. Memory is checked in addition to its kernel limit.
- * Cost:    about 20 µs per check, plus 2 µs for each file in the folder when it is counted. That is
- *          in every TL_BOUNDS_CHECKS-th check, and as soon as the free bytes or files of the disk
- *          have shrunk so much that the folder may exceed a bound. A folder of more than 500 files
- *          is counted in every fifth check at most.
+ * Cost:    about 20 µs per check, plus 2 µs for each file when the folder is counted. The folder is
+ *          counted in every TL_BOUNDS_CHECKS-th check. It is counted earlier if the free bytes or
+ *          files of the disk have shrunk so much that the folder may exceed a bound. A folder of
+ *          more than 500 files is counted in every fifth check at most.
  * Removed: files that were removed but are still open or mapped are in no folder. They are counted
  *          if the free disk space has shrunk by more than `bytes` since the first check, whatever
- *          the cause. Only root can count those of a confined process. So the bounds are also
- *          broken if the free space has shrunk that much, and less than a twentieth of the disk is
- *          free.
- * Memory:  of the caller. `folder` must stay valid.
+ *          the cause. Only root can count the removed files of a confined process. So the bounds
+ *          are also broken if the free space has shrunk by more than `bytes` and is less than 5 %
+ *          of the disk.
+ * Memory:  the caller owns all of it.
  * Thread:  one.
  */
 #ifndef TL_FIRMWARE_PROCESS_BOUNDS_H
@@ -22,15 +22,16 @@
 #include <stdint.h>
 #include <sys/types.h>
 
+/* Bytes of a text with its end mark; maximum number of nested folders; see Cost. */
 enum { TL_BOUNDS_TEXT = 256, TL_BOUNDS_DEPTH = 32, TL_BOUNDS_CHECKS = 100 };
 
 /* Bounds of one process; 0: no bound. The caller sets the public fields and zeroes the rest. The
  * folder's text must live as long as this struct. */
 typedef struct tl_bounds {
-    const char *folder; /* folder of the FMUs; NULL: none */
-    uint64_t bytes;     /* disk usage of all files below the folder */
-    uint64_t files;     /* number of files and folders below it; more than TL_BOUNDS_DEPTH levels break the bounds */
-    uint64_t threads;
+    const char *folder;   /* folder of the FMUs; NULL: none */
+    uint64_t bytes;       /* disk usage of all files below the folder */
+    uint64_t files;       /* number of files and folders below it; more than TL_BOUNDS_DEPTH levels break the bounds */
+    uint64_t threads;     /* number of threads of the process */
     uint64_t memory;      /* resident and swapped bytes, including shared ones and page tables */
     uint64_t free_before; /* private: free bytes of the disk at the first check; 0: none yet */
     uint64_t gone_before; /* private: bytes lost when removed files were last counted */
@@ -40,9 +41,9 @@ typedef struct tl_bounds {
     unsigned checks_left; /* private: checks until the folder is counted again; 0 at first */
 } tl_bounds;
 
-/* Returns true if the process is within all bounds, or if process or folder do not exist any more.
- * Else returns false and sets `text` to the broken bound with its limit. A subfolder that cannot be
- * opened breaks the bounds. */
+/* Returns true if the process is within all bounds, or if process or folder do not exist any more
+ * (`text` is then ""). Else returns false and sets `text` to the broken bound with its limit. A
+ * subfolder that cannot be opened breaks the bounds. */
 bool tl_bounds_are_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]);
 
 #endif

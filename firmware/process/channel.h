@@ -1,7 +1,7 @@
-/* Channel between two of our processes: messages of fixed sizes in shared memory, and the protocol
- * of the FMU process.
+/* Channel between an FMU process and its parent: messages of fixed sizes in shared memory, and the
+ * protocol of these messages.
  *
- * Thread:  one on each side.
+ * Thread:  one thread on each side.
  */
 #ifndef TL_FIRMWARE_PROCESS_CHANNEL_H
 #define TL_FIRMWARE_PROCESS_CHANNEL_H
@@ -17,12 +17,12 @@
  *
  * Purpose: defines the messages, their sender, their phases, and their exact sizes. A side that
  *          sends anything else is broken or hostile: the receiver reports the message and accepts
- *          no further one. The parent then kills the child.
- * Phases:  each side has its own phase, which determines what it may send. Its own messages advance
- *          it. Messages of the child also advance the parent, so that ticks are allowed as soon as
- *          the twin is built.
- * Sizes:   the code that opens a channel fills in the sizes of messages whose types it defines;
- *          both sides must use the same.
+ *          no further message. The parent then kills the child.
+ * Phases:  each side has its own phase, which determines what it may send. Messages of a side
+ *          advance its phase. Messages of the child, except ENDED, also advance the parent's phase.
+ *          So ticks are allowed as soon as the twin is built.
+ * Sizes:   the code that opens a channel sets the sizes of the messages (twin_role.h); both sides
+ *          must use the same sizes.
  * Thread:  pure functions.
  */
 
@@ -43,14 +43,14 @@ typedef enum tl_message {
     /* from the parent */
     TL_MESSAGE_TICK,   /* a sample of the plant; STEPPING */
     TL_MESSAGE_FINISH, /* the last tick; STEPPING, then ENDING */
-    TL_MESSAGE_SEEN,   /* how the process ended that read the data of SHOWN; STEPPING */
+    TL_MESSAGE_SEEN,   /* answer to SHOWN: result of the reader process; STEPPING */
     TL_MESSAGE_END,    /* request to end as soon as possible; no bytes; any phase, then ENDING */
     /* from the child */
     TL_MESSAGE_READY,  /* how the child is confined; STARTING, then BUILDING */
-    TL_MESSAGE_BUILT,  /* the twin is built, the account is in the child's block; BUILDING, then STEPPING */
+    TL_MESSAGE_BUILT,  /* the twin is built, its tl_account is in the child's block; BUILDING, then STEPPING */
     TL_MESSAGE_RESULT, /* result of a step; STEPPING */
-    TL_MESSAGE_SHOWN,  /* the shared block has data for another process (read_back.h); no bytes; STEPPING */
-    TL_MESSAGE_ENDED,  /* why the child ends; any phase but ENDING, then ENDING */
+    TL_MESSAGE_SHOWN,  /* requests a reader process (read_back.h), or shows progress (explainer); no bytes; STEPPING */
+    TL_MESSAGE_ENDED,  /* why the child ends; any phase except ENDING, then ENDING */
     TL_MESSAGES
 } tl_message;
 
@@ -64,8 +64,8 @@ typedef struct tl_protocol_phases {
     tl_phase of[TL_SIDES];
 } tl_protocol_phases;
 
-/* Validates a message header from `sender`; `type` and `length` are untrusted. Returns TL_OK, or
- * TL_FMU_FAILED with the message that is not allowed, and why. */
+/* Validates a message header from `sender`; `type` and `length` (bytes) are untrusted. Errors:
+ * TL_FMU_FAILED if the message is not allowed; the text names the message and the cause. */
 tl_status tl_protocol_check(const tl_protocol_sizes *sizes, const tl_protocol_phases *phases, tl_side sender,
                             uint32_t type, uint32_t length, tl_error *error);
 
@@ -81,17 +81,18 @@ uint32_t tl_protocol_longest(const tl_protocol_sizes *sizes, tl_side sender);
  *          number received from the other side. A message costs one copy on each side. No system
  *          call is needed while neither side sleeps.
  * Waking:  a waiting side announces how many messages, or how many free slots, it waits for. The
- *          other side wakes it when there are that many, or when there are any and the other side
- *          goes to sleep too. So large batches cost few wake-ups, and the two sides never both
- *          sleep with work pending. To receive each message at once, wait for 1. All messages
- *          except ticks and results wake at once, because no further message may follow them.
+ *          other side wakes it when there are that many. If the other side goes to sleep too, one
+ *          message or one slot is enough. So large batches cost few wake-ups, and the two sides
+ *          never both sleep with work pending. To receive each message at once, wait for 1. All
+ *          messages except ticks and results are urgent: they wake at once, because the sender may
+ *          send no further message.
  * Trust:   the other side's block is untrusted. Counters are checked against the ring size. A
  *          slot's type and length are read once and validated before the payload is copied. The
- *          first fault breaks the channel: all calls then return TL_CHANNEL_BROKEN, and `fault` is
- *          the reason.
+ *          first fault breaks the channel, and `fault` is the reason. Then no message can be sent,
+ *          and receiving or waiting returns TL_CHANNEL_BROKEN.
  * Owner:   the caller owns the channel and the blocks, which must stay mapped. A block is used for
  *          one channel only and must be zeroed before.
- * Thread:  one thread of each side; any for tl_channel_nudge().
+ * Thread:  one thread of each side; any other thread for tl_channel_nudge().
  */
 
 enum { TL_CHANNEL_DEPTH = 1024 }; /* slots per ring */
@@ -99,13 +100,13 @@ enum { TL_CHANNEL_DEPTH = 1024 }; /* slots per ring */
 /* Must be the same on both sides. */
 typedef struct tl_channel_settings {
     tl_protocol_sizes sizes;
-    size_t extra[TL_SIDES]; /* additional bytes in the block of each side, for the caller */
+    size_t extra[TL_SIDES]; /* additional bytes in the block of each side, for the caller; 0: none */
 } tl_channel_settings;
 
 typedef enum tl_channel_event {
-    TL_CHANNEL_NOTHING, /* no message before the time-out */
-    TL_CHANNEL_SOMETHING,
-    TL_CHANNEL_NUDGED, /* tl_channel_nudge() was called, or a signal arrived */
+    TL_CHANNEL_NOTHING,   /* no message, or not enough before the timeout */
+    TL_CHANNEL_SOMETHING, /* a message was received, or a condition of the wait is met */
+    TL_CHANNEL_NUDGED,    /* tl_channel_nudge() was called, or a signal arrived */
     TL_CHANNEL_BROKEN
 } tl_channel_event;
 
@@ -113,7 +114,7 @@ struct tl_channel_control;
 
 /* Fields are private, except `fault`. */
 typedef struct tl_channel {
-    tl_error fault; /* of the other side; TL_OK: none */
+    tl_error fault; /* fault of the other side; TL_OK: none */
     tl_channel_settings settings;
     tl_side side;
     struct tl_channel_control *own;
@@ -127,18 +128,18 @@ typedef struct tl_channel {
     uint32_t taken;        /* number of messages received */
     uint32_t other_taken;  /* number that the other side has received, as read last */
     uint32_t other_pushed; /* number that the other side has sent, as read last */
-    uint32_t woken;        /* number of the last sleep of the other side from which we woke it */
+    uint32_t woken;        /* number of the last sleep of the other side that we ended */
     tl_protocol_phases phases;
     uint32_t nudges; /* number of nudges, by any thread */
     uint32_t heeded; /* nudges that were handled */
     bool sleeps;
 } tl_channel;
 
-/* Returns the bytes that a side's block needs. */
+/* Returns the size of a side's block, bytes; a multiple of 4096. */
 size_t tl_channel_bytes(const tl_channel_settings *settings, tl_side side);
 
-/* Opens a channel. `blocks`: mapped memory of both sides, each of tl_channel_bytes(), page-aligned.
- */
+/* Opens a channel for `side`. `blocks`: mapped memory of both sides, each of tl_channel_bytes();
+ * page-aligned. The other side's block may be read-only. */
 void tl_channel_open(const tl_channel_settings *settings, tl_side side, void *const blocks[TL_SIDES],
                      tl_channel *channel);
 
@@ -147,34 +148,36 @@ void tl_channel_open(const tl_channel_settings *settings, tl_side side, void *co
 void *tl_channel_extra(const tl_channel_settings *settings, tl_side side, void *block);
 
 /* Writes a message into the ring. `payload` has the size of its type; NULL if that is 0. The
- * protocol must allow the message. Returns false if the ring is full or the channel is broken. The
- * other side sees the message after tl_channel_push(), tl_channel_show() or tl_channel_wait(). */
+ * protocol must allow the message (asserted). Returns false if the ring is full or the channel is
+ * broken. The other side sees the message after tl_channel_push(), _show() or _wait(). */
 bool tl_channel_offer(tl_channel *channel, tl_message type, const void *payload);
 
 /* Publishes written messages without waking the other side. The other side finds them at its next
- * poll, even if this process has ended by then. Cheaper than tl_channel_push(), but call
- * tl_channel_push() or tl_channel_wait() regularly. */
+ * tl_channel_take(), even if this process has ended by then. This is cheaper than
+ * tl_channel_push(), but call tl_channel_push() or tl_channel_wait() regularly. */
 void tl_channel_show(tl_channel *channel);
 
 /* Publishes how many messages were written and received, and wakes the other side if it waits for
  * them. */
 void tl_channel_push(tl_channel *channel);
 
-/* Reads the next message without blocking. Returns SOMETHING, NOTHING or BROKEN. `payload` must
- * have the size of the other side's longest message. */
+/* Reads the next message without blocking. Returns SOMETHING (*type and `payload` are set), NOTHING
+ * or BROKEN. `payload` must have the size of the other side's longest message. */
 tl_channel_event tl_channel_take(tl_channel *channel, tl_message *type, void *payload);
 
 /* Pushes, then sleeps until `messages` can be received or `room` slots are free. 0 disables a
  * condition; at least one must be above 0, and both are at most TL_CHANNEL_DEPTH. Returns:
- * SOMETHING: a condition is met, or partly met while the other side sleeps.
- * NOTHING:   the instant `until` (CLOCK_MONOTONIC, ns) has passed; fewer messages than wanted may
- *            be there.
+ * SOMETHING: a condition is met, or partly met while the other side sleeps, or an urgent message
+ *            has arrived.
+ * NOTHING:   the instant `until` (CLOCK_MONOTONIC, ns) has passed; fewer messages or slots than
+ *            wanted may be there.
  * NUDGED:    tl_channel_nudge() was called, or a signal arrived.
  * BROKEN:    the channel is broken. */
 tl_channel_event tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until);
 
-/* Makes the present or next tl_channel_wait() of this side return TL_CHANNEL_NUDGED. Any other
- * thread of this side may call it while the channel is open; signal handlers must not. */
+/* Makes the present or next tl_channel_wait() of this side return TL_CHANNEL_NUDGED. If the thread
+ * sleeps there, waits until it has noticed. Any other thread of this side may call it while the
+ * channel is open; signal handlers must not. */
 void tl_channel_nudge(tl_channel *channel);
 
 #endif

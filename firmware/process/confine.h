@@ -37,6 +37,7 @@
 #include "board/io/plant_access.h"
 #include "master/base/status.h"
 
+/* Bytes of a text with its end mark; upper bound of the default memory limit, MiB. */
 enum { TL_CONFINE_TEXT = 768, TL_CONFINE_MEMORY_MIB = 4096 };
 
 /* Texts and lists must stay valid during the call only. */
@@ -51,15 +52,15 @@ typedef struct tl_confine_settings {
      * address space does not count. A program with a sanitizer has no limit, because the
      * sanitizer's own memory is larger. */
     uint64_t memory;
-    uint32_t user;      /* user and group ID to change to; needs root, and `folder` must belong to it. 0: no change */
+    uint32_t user;      /* user and group ID to change to, needs root; the group needs access to `folder`; 0: none */
     int start_socket;   /* the only socket that allows sendmsg(), to hand over the listener; -1: none */
     bool whole_process; /* applies the system call list to all threads, else to the caller's */
-    const tl_plant_access *plant; /* needs of its plant driver; NULL: it reads no plant */
+    const tl_plant_access *plant; /* what the plant driver of the process needs; NULL: no driver */
     bool names;                   /* the driver resolves host names */
-    const uint16_t *ports;        /* TCP ports to which it may connect; before Landlock 4: any port */
+    const uint16_t *ports;        /* TCP ports to which the driver may connect; before Landlock 4: any port */
     size_t port_count;
-    bool keeps_files;    /* see Others */
-    bool may_answer;     /* see Others */
+    bool keeps_files;    /* see Others above */
+    bool may_answer;     /* see Others above */
     bool only_denies;    /* true: signalling or tracing another process fails; false: it kills this process */
     int landlock;        /* private: version in use; 0: none */
     int landlock_newest; /* highest version to use, for tests; -1: no Landlock; 0: that of the kernel */
@@ -67,27 +68,28 @@ typedef struct tl_confine_settings {
 
 /* What is enforced, or what the kernel supports. */
 typedef struct tl_confine_facts {
-    bool filter;   /* of system calls */
+    bool filter;   /* filter of system calls */
     bool notifies; /* refused calls can be reported (refusal.h) */
     int landlock;  /* version ("ABI"); 0: none */
-    bool memory;   /* has a limit */
-    bool user;     /* a separate user: files of other users are protected also without Landlock */
+    bool memory;   /* memory limit */
+    bool user;     /* separate user: protects files of other users also without Landlock */
 } tl_confine_facts;
 
 /* Detects what the kernel supports, without confining. Sets `user` if this process could change its
  * user. */
 void tl_confine_probe(tl_confine_facts *facts);
 
-/* Default memory limit of an FMU process, bytes: half of the machine's memory, at most
+/* Returns the default memory limit of an FMU process, bytes: half of the machine's memory, at most
  * TL_CONFINE_MEMORY_MIB. 0: unknown. */
 uint64_t tl_confine_fair_memory(void);
 
-/* Confines the process. If `listener` is NULL, refused calls return EPERM and are not reported.
- * Else *listener becomes a descriptor for tl_refusal_take() in another process, or -1. A refused
- * call waits for an answer, so pass the descriptor to that process and close it here at once.
- * Errors: TL_BAD_USAGE if the folder cannot be entered. TL_TRY_AGAIN if a feature of the kernel
- *         failed; the process is partly confined and must end. TL_INTERRUPTED if the parent that
- *         PR_SET_PDEATHSIG refers to has ended. */
+/* Confines the process and sets *facts to what is enforced. If `listener` is NULL, refused calls
+ * return EPERM and are not reported. Else *listener becomes a descriptor for tl_refusal_take() in
+ * another process, or -1 if calls are not reported. A refused call waits for an answer, so pass the
+ * descriptor to that process and close it here at once.
+ * Errors:  TL_BAD_USAGE if the folder cannot be entered. TL_TRY_AGAIN if a feature of the kernel
+ *          failed; the process is partly confined and must end. TL_INTERRUPTED if the parent that
+ *          PR_SET_PDEATHSIG refers to has ended. */
 tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener, tl_error *error);
 
 /* Describes what is not enforced, for users; "" if all is. */
@@ -97,22 +99,22 @@ void tl_confine_describe(const tl_confine_facts *facts, char text[TL_CONFINE_TEX
  * the kernel.
  *
  * Purpose: a call that is not on the list returns EPERM, and is reported to a listener if there is
- *          one (refusal.h). The list has one line for each group of calls, with its reason. Below
- *          it are the calls that are allowed only with certain arguments. Calls that are newer than
- *          this program fail with ENOSYS.
+ *          one (refusal.h). In filter.c, the list has one line for each group of calls, with its
+ *          purpose. Then follow the calls that are allowed only with certain arguments. Calls that
+ *          are newer than this program fail with ENOSYS.
  * Machine: only calls of this program's own machine type are allowed. A call of another type
  *          (32-bit or x32 on x86-64, AArch32) kills the process.
  * Thread:  any.
  */
 
-/* Returns whether the kernel supports filters, and whether it can report refused calls. */
+/* Return true if the kernel supports filters, and if it can report refused calls. */
 bool tl_filter_is_offered(void);
 bool tl_filter_can_notify(void);
 
 /* Loads the filter. If `listener` is NULL, refused calls are not reported. Else *listener becomes a
  * descriptor. It is -1 if the kernel cannot report calls, or if another process already receives
  * them.
- * Errors: TL_TRY_AGAIN if the filter could not be loaded. */
+ * Errors:  TL_TRY_AGAIN if the filter could not be loaded. */
 tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_error *error);
 
 /* ---- Landlock: which files a process may read, below which folders it may write, and to which TCP
@@ -120,12 +122,12 @@ tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_
  *
  * Purpose: an FMU can open only the files of programs and libraries, those that the settings add,
  *          and its own folder. This holds whatever rights the user has.
- * Version: uses the kernel's version ("ABI"), 1 … 7. From 2: renaming between folders. From 3:
+ * Version: uses the kernel's version ("ABI"), from 1 on. From 2: renaming between folders. From 3:
  *          truncating files (before, the filter refuses what Landlock does not check). From 4: TCP
  *          ports (no binding; connecting to `ports` only). From 5: device commands. From 6:
  *          abstract sockets and signals.
- * Itself:  single files of /proc/self are readable. A dozen descriptors of them stay open until the
- *          process ends, because the rules depend on them.
+ * Itself:  single files of /proc/self are readable. About a dozen descriptors of them stay open
+ *          until the process ends, because the rules depend on them.
  * Unseen:  Landlock does not check stat(), access(), readlink(), changes of the current folder, and
  *          changes of mode, owner, times and attributes. The filter permits changing the current
  *          folder and refuses the other changes. keeps_files also permits fchmod() and fchown().
@@ -140,7 +142,7 @@ int tl_landlock_version(void);
 
 /* Applies the folders and ports of the settings. `settings->landlock` > 0 is the version to use, at
  * most that of the kernel. Missing folders are skipped. Needs PR_SET_NO_NEW_PRIVS.
- * Errors: TL_TRY_AGAIN if it failed. */
+ * Errors:  TL_TRY_AGAIN if the kernel rejects the rules. */
 tl_status tl_landlock_restrict(const tl_confine_settings *settings, tl_error *error);
 
 /* ---- Limits: memory and file size as in the settings, no message queue, no core dump, a bounded
@@ -149,7 +151,7 @@ tl_status tl_landlock_restrict(const tl_confine_settings *settings, tl_error *er
  * Thread:  they apply to the whole process.
  */
 
-/* Largest number of descriptors in addition to those that are open at confinement; largest number
+/* Maximum number of descriptors above the highest one that is open at confinement; maximum number
  * of pending timers and signals. */
 enum { TL_PROCESS_LIMITS_DESCRIPTORS = 256, TL_PROCESS_LIMITS_SIGNALS = 256 };
 

@@ -5,8 +5,8 @@
  *          own process.
  * Memory:  one block per process. It is private memory until tl_fmu_calls_use() sets a block that
  *          another process maps too.
- * Thread:  only the thread that calls FMUs writes. Any thread, signal handler, or process that maps
- *          the block may read. Wait-free.
+ * Thread:  only the thread that calls FMUs writes, except tl_fmu_calls_note_end_request(): any
+ *          thread. Any thread, signal handler, or process that maps the block may read. Wait-free.
  * Trust:   an FMU process may write anything into the block, so tl_fmu_calls_poll() checks the
  *          index and cleans the name (text.h).
  */
@@ -18,7 +18,7 @@
 
 enum {
     TL_FMU_CALL_FMUS = 128, /* maximum number of names; further FMUs share the last one */
-    TL_FMU_CALL_NAME = 64
+    TL_FMU_CALL_NAME = 64   /* bytes of a name with its terminating 0 */
 };
 
 typedef enum tl_fmu_function {
@@ -55,8 +55,8 @@ typedef enum tl_fmu_function {
 /* Fields are private. Zeroed: no calls. */
 typedef struct tl_fmu_calls {
     uint32_t begun;  /* number of calls so far; all calls of a step count as one; wraps around */
-    uint32_t now;    /* number of the FMU + function; 0: none */
-    uint32_t fmus;   /* names in use */
+    uint32_t now;    /* present call: number of the FMU + function; 0: none */
+    uint32_t fmus;   /* number of names in use */
     uint32_t asked;  /* 1: the process has noted the signal to end */
     uint32_t failed; /* `begun` of the last call that failed; 0: none */
     char names[TL_FMU_CALL_FMUS][TL_FMU_CALL_NAME];
@@ -64,14 +64,14 @@ typedef struct tl_fmu_calls {
 
 /* A call, as read from the block. */
 typedef struct tl_fmu_call {
-    uint32_t begun;       /* if two reads find the same number, it is the same call */
+    uint32_t begun;       /* number of the call; equal in two reads: the same call, or the same step */
     const char *function; /* for example "fmi2DoStep" */
     char fmu[TL_FMU_CALL_NAME];
 } tl_fmu_call;
 
 /* ---- in the process that calls FMUs ---- */
 
-/* Sets the block that calls are written to; NULL: private memory. Call it before an FMU is loaded.
+/* Sets the block to which calls are written; NULL: private memory. Call it before an FMU is loaded.
  * The block must stay mapped. */
 void tl_fmu_calls_use(tl_fmu_calls *block);
 
@@ -81,19 +81,19 @@ const tl_fmu_calls *tl_fmu_calls_in_use(void);
 /* Notes that the calling thread is the one that calls FMUs. */
 void tl_fmu_calls_enter_thread(void);
 
-/* Returns true in that thread, and false in a thread that an FMU has created. */
+/* Returns true in that thread, and false in all others, for example in threads of an FMU. */
 bool tl_fmu_calls_is_own_thread(void);
 
-/* Registers an FMU by name, for example by its component's name, and returns its number, which is
- * a multiple of 256. The same name gives the same number. The name is truncated to
- * TL_FMU_CALL_NAME - 1 bytes. */
+/* Registers an FMU by name, for example its component's name, and returns its number, a multiple of
+ * 256. The same name gives the same number. Names are truncated to TL_FMU_CALL_NAME - 1 bytes. */
 uint32_t tl_fmu_calls_name(const char *name);
 
 /* Notes that the process has received the signal to end. */
 void tl_fmu_calls_note_end_request(void);
 
-/* Mark the beginning and the end of an FMU call. `fmu`: its number. A call that begins before the
- * previous one has ended replaces that one. Inline, so that an FMU call costs hardly more. */
+/* Mark the beginning and the end of an FMU call. `fmu`: result of tl_fmu_calls_name(). `block`:
+ * tl_fmu_calls_block. A call that begins before the previous one has ended replaces that one. These
+ * functions are inline, so that an FMU call costs hardly more. */
 static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function);
 static inline void tl_fmu_call_begin_in(tl_fmu_calls *block, uint32_t fmu, tl_fmu_function function);
 /* Continues the present call with another function, without counting a new call, because counting
@@ -105,15 +105,16 @@ static inline void tl_fmu_call_fail(void);
 
 /* ---- readers ---- */
 
-/* Reads the current call. Returns false if no FMU is being called. Safe in a signal handler. */
+/* Reads the current call. Returns false if no FMU is being called; then only call->begun is set.
+ * Safe in a signal handler. */
 bool tl_fmu_calls_poll(const tl_fmu_calls *block, tl_fmu_call *call);
 
-/* Returns `begun` of the call in which the process has failed or ended; 0: none. Call it after the
- * process has ended. */
+/* Returns `begun` of the call during which the process has ended, or else of the last call that has
+ * failed; 0: none. Call it after the process has ended. */
 uint32_t tl_fmu_calls_failed(const tl_fmu_calls *block);
 
-/* Returns true if the process has noted the signal to end. If it is false, an FMU may have ignored
- * or caught the signal: send it again. */
+/* Returns true if the process has noted the signal to end. If not, an FMU may have ignored or
+ * caught the signal: send it again. */
 bool tl_fmu_calls_end_is_requested(const tl_fmu_calls *block);
 
 /* ---- inline ---- */

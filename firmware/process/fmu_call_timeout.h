@@ -1,12 +1,12 @@
 /* Call timeout: ends the process if an FMU call takes too long.
  *
- * Purpose: an FMU that never returns must not keep the program from reporting the hang, nor from
- *          ending on request. A thread cannot be stopped inside a vendor's code, so the FMU process
- *          ends. It reports the FMU, the function, and the duration.
- * Limits:  `limit` for each call in `check`, `replay` and `plant`, whose FMUs run in a separate,
- *          monitored process. In `run` the supervisor limits the calls instead. After a request to
- *          end, a call may last TL_FMU_CALL_TIMEOUT_END. A second request after at least one second
- *          ends the process at once.
+ * Purpose: if an FMU never returns, the program must still report the hang and end on request. A
+ *          thread cannot be stopped inside a vendor's code, so the FMU process ends. It reports the
+ *          FMU, the function, and the duration.
+ * Limits:  `limit` for each call of the verbs check, replay and plant, whose FMUs run in a
+ *          separate, monitored process. With the verb run, the supervisor limits the calls instead.
+ *          After a request to end, a call may last TL_FMU_CALL_TIMEOUT_END more. A second request,
+ *          at least one second after the first, ends the process at once.
  * Clock:   adds up the times between checks. Each counts at most one second, so that a stopped or
  *          suspended process does not time out.
  * Thread:  the main thread, which checks several times a second while another thread calls FMUs.
@@ -34,11 +34,11 @@ enum { TL_FMU_CALL_TIMEOUT_CALLS = 10 };
 /* Zeroed at first. Fields are private, except `limit`. */
 typedef struct tl_fmu_call_timeout {
     tl_time limit;      /* ns of one call; 0: none */
-    tl_time checked_at; /* instant of the last check; 0: none */
+    tl_time checked_at; /* instant of the last check, ns; 0: none */
     uint32_t begun;     /* number of the last call seen */
-    tl_time lasted;     /* observed duration of that call */
-    tl_time asked;      /* time since the request to end */
-    unsigned times;     /* requests within the first second of `asked` */
+    tl_time lasted;     /* observed duration of that call, ns */
+    tl_time asked;      /* time since the request to end, ns; 0: no request */
+    unsigned times;     /* number of requests up to one second after the first */
 } tl_fmu_call_timeout;
 
 /* Input of one check. */
@@ -47,7 +47,7 @@ typedef struct tl_fmu_call_timeout_view {
     const tl_fmu_call *call; /* current call; NULL: none */
     const char *asked;       /* name of the signal that requested the end; NULL: none */
     unsigned times;          /* number of requests so far */
-    bool whatever;           /* a second request ends the process also if no FMU call is reported */
+    bool whatever;           /* a second request ends the process even if no FMU call is reported */
 } tl_fmu_call_timeout_view;
 
 /* Returns true if a limit is exceeded or the end was requested again; then writes the reason to
@@ -56,7 +56,7 @@ bool tl_fmu_call_timeout_is_over(tl_fmu_call_timeout *patience, const tl_fmu_cal
                                  size_t size);
 
 /* In the FMU process: checks the current call and the received signals. Reinstalls our signal
- * handlers during a long call. If a limit is exceeded, the process ends here. */
+ * handlers during a long call. If a limit is exceeded, ends the process (tl_process_give_up()). */
 void tl_fmu_call_timeout_poll(tl_fmu_call_timeout *patience);
 
 #endif

@@ -1,9 +1,9 @@
-/* Heartbeats: show another process that threads are alive. They are in a shared status block, which
- *             also contains the other data that the supervisor needs.
+/* Heartbeats: show another process that threads are alive. They are in the shared status block of a
+ * process, with other data that the supervisor needs.
  *
  * Purpose: the threads of a process count their heartbeats, and the supervisor (supervisor.h) polls
- *          the counters. The block also contains whether the process is ready, a status line, the
- *          current FMU call (fmu_call.h), and, before the process ends, the end cause.
+ *          the counters. The block also contains a ready flag, a status line, the current FMU call
+ *          (fmu_call.h), and, before the process ends, the end cause.
  * Clock:   heartbeats are counted, without a time stamp. The supervisor adds up the time without a
  *          change, at most TL_HEARTBEAT_POLL per poll. So a change of the clock, a suspended
  *          machine or a late supervisor causes no false alarm.
@@ -26,8 +26,8 @@
 
 enum {
     TL_HEARTBEATS = TL_MAX_SIGNALS + 8, /* one per plant source, and those of the process itself */
-    TL_HEARTBEAT_NAME = 40,
-    TL_HEARTBEAT_STATUS = 512
+    TL_HEARTBEAT_NAME = 40,             /* bytes of a name with its terminating 0 */
+    TL_HEARTBEAT_STATUS = 512           /* bytes of the status line with its terminating 0 */
 };
 
 /* Longest silence that one poll can add, ns. If more time has passed since the last poll, only this
@@ -41,7 +41,7 @@ enum {
 /* Heartbeat of one thread. Fields are private. */
 typedef struct tl_thread_heartbeat {
     uint64_t beats;
-    tl_time patience; /* longest allowed silence; 0: not monitored */
+    tl_time patience; /* longest allowed silence, ns; 0: not monitored */
     char name[TL_HEARTBEAT_NAME];
 } tl_thread_heartbeat;
 
@@ -69,7 +69,7 @@ typedef enum tl_end_cause {
 /* ---- in the monitored process; the functions of one heartbeat do nothing if it is NULL ---- */
 
 /* Starts a heartbeat with this name ("cycle", "plant.gateway"; truncated) and a timeout of
- * `patience` (ns, > 0). Returns NULL if `beats` is NULL or full. */
+ * `patience` (ns, > 0). Returns NULL if `beats` is NULL, or after TL_HEARTBEATS starts. */
 tl_thread_heartbeat *tl_thread_heartbeat_start(tl_heartbeats *beats, const char *name, tl_time patience);
 void tl_thread_heartbeat_beat(tl_thread_heartbeat *heartbeat);
 void tl_thread_heartbeat_set_timeout(tl_thread_heartbeat *heartbeat, tl_time patience); /* from now on; also beats */
@@ -78,7 +78,7 @@ void tl_thread_heartbeat_stop(tl_thread_heartbeat *heartbeat);                  
 /* Marks the process as ready. */
 void tl_heartbeats_set_ready(tl_heartbeats *beats);
 
-/* Sets the status line; one thread only. */
+/* Sets the status line, truncated to TL_HEARTBEAT_STATUS - 1 bytes; one thread only. */
 void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text);
 
 /* Announces the end of the process, with its cause and its exit code, 0 … 255. Call it once, after
@@ -91,18 +91,19 @@ void tl_heartbeats_announce(tl_heartbeats *beats, tl_end_cause why, int code);
  * restarts. Fields are private. */
 typedef struct tl_heartbeats_seen {
     uint64_t beats[TL_HEARTBEATS];
-    tl_time silence[TL_HEARTBEATS];
-    bool had;          /* at least one heartbeat was monitored */
-    tl_time no_heart;  /* how long no heartbeat has been active, counted only if `had`; 0 if one is active */
-    tl_time polled_at; /* instant of the last poll; 0: none */
+    tl_time silence[TL_HEARTBEATS]; /* ns */
+    bool had;                       /* at least one heartbeat was monitored */
+    tl_time no_heart;  /* how long no heartbeat has been active, ns, counted only if `had`; 0 if one is active */
+    tl_time polled_at; /* instant of the last poll, ns; 0: none */
     uint32_t call;     /* number of the current FMU call */
-    tl_time lasted;    /* its observed duration */
+    tl_time lasted;    /* its observed duration, ns */
 } tl_heartbeats_seen;
 
-/* Polls all heartbeats. Returns NULL if all threads are alive. Else returns the name of a thread
- * that exceeds its timeout, and sets *silence to the time since its last heartbeat, ns. Returns
- * "every thread" if a process that had heartbeats has none for longer than TL_HEARTBEAT_NONE, for
- * example because its memory was overwritten. */
+/* Polls all heartbeats at the instant `now` (ns). Returns NULL if all threads are alive. Else
+ * returns the name of a thread that exceeds its timeout, and sets *silence to the time since its
+ * last heartbeat, ns. Returns "every thread" if a process that had heartbeats has none for longer
+ * than TL_HEARTBEAT_NONE, for example because its memory was overwritten. The name may lie in the
+ * block, so it is untrusted: use at most TL_HEARTBEAT_NAME bytes. */
 const char *tl_heartbeats_read(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence);
 
 /* Reads the current FMU call if its duration was at least `least` ns at the last
@@ -114,9 +115,10 @@ bool tl_heartbeats_get_call(const tl_heartbeats *beats, const tl_heartbeats_seen
  * was announced. */
 tl_end_cause tl_heartbeats_get_end_cause(const tl_heartbeats *beats, int *code);
 
+/* Returns true after tl_heartbeats_set_ready(). */
 bool tl_heartbeats_is_ready(const tl_heartbeats *beats);
 
-/* Returns false if no consistent status line could be read without waiting. */
+/* Reads the status line ("": not set). Returns false if the process changes it at the same time. */
 bool tl_heartbeats_get_status(const tl_heartbeats *beats, char text[TL_HEARTBEAT_STATUS]);
 
 #endif

@@ -17,7 +17,8 @@
  *
  * Purpose: an FMU that changes the rounding mode, flushes denormals or enables floating-point traps
  *          affects all later computations of its thread. The control bits are checked after each
- *          FMU call, so these functions are inline and make no system call.
+ *          FMU call, so these functions are inline and make no system call. tl_fp_control_get()
+ *          returns the present bits, for tl_fp_control_set() and tl_fp_control_check().
  * Others:  on an architecture that is not listed below, only the rounding mode is covered.
  * Thread:  each thread has its own control bits; a new thread starts with those of its creator.
  * Source:  Intel SDM volume 1, 8.1.5 and 10.2.3; Arm ARM, FPCR and FPSCR.
@@ -42,12 +43,13 @@ static inline void tl_fp_control_set(uint64_t control) {
     __asm__ volatile("fnclex\n\tfldcw %0" : : "m"(x87));
 }
 
-/* Checks the control bits. `control`: the saved bits, with round-to-nearest and denormals. Does not
- * read the SSE bits, because on some processors that takes longer than a step of a small FMU.
- * Instead, four additions in one instruction detect another rounding mode and flushed denormals. If
- * they and the x87 control word show no difference, writes the SSE bits of *control and returns
- * true: writing takes a tenth of the time of reading, and disables traps. Otherwise returns false
- * and changes nothing. */
+/* Checks the control bits. `control`: the saved bits, which must have round-to-nearest and
+ * denormals. Does not read the SSE bits, because on some processors that takes longer than a step
+ * of a small FMU. Instead, four additions in one instruction detect another rounding mode and
+ * flushed denormals. If they and the x87 control word show no difference, writes the SSE bits of
+ * *control and returns true. Writing takes a tenth of the time of reading. It disables traps that
+ * an FMU has enabled, and clears the SSE exception flags. Otherwise returns false and does not
+ * write the SSE bits. */
 static inline bool tl_fp_control_check(const uint64_t *control) {
     static const float values[4] __attribute__((aligned(16))) = {1.0F, 1.0F, FLT_MIN / 4.0F, FLT_MIN / 4.0F};
     static const float added[4] __attribute__((aligned(16))) = {1e-30F, -1e-30F, 0.0F, 0.0F};
@@ -112,16 +114,16 @@ static inline bool tl_fp_control_check(const uint64_t *control) {
 
 /* ---- Saves and restores the process state that an FMU can change unnoticed.
  *
- * Purpose: an FMU shares the process with us and with other FMUs. If it changes the rounding mode,
- *          results differ. If it catches SIGTERM, the process cannot be ended. If it changes the
- *          current folder, relative file names are wrong. This module restores the state that was
- *          saved before an FMU was called.
+ * Purpose: an FMU shares the process with us and with other FMUs. If an FMU changes the rounding
+ *          mode, results differ. If an FMU catches SIGTERM, the process cannot be ended. If an FMU
+ *          changes the current folder, relative file names are wrong. This module restores the
+ *          state that was saved before an FMU was called.
  * Covers:  of the thread: floating-point control bits, locale, signal mask, scheduling, processors
  *          and timer slack. Of the process: locale (except LC_CTYPE), the signal handlers of the
  *          program, current folder, umask and limits. Without privileges, a lowered hard limit
- *          stays lowered; it is reported once. Other changes that the kernel does not undo, such as
+ *          stays lowered and is reported once. Other changes that the kernel does not undo, such as
  *          a processor that was switched off, are accepted and not reported.
- * Left alone: handlers of all other signals, timers, environment, open files.
+ * Ignores: handlers of all other signals, timers, environment, open files.
  * Thread:  the FMU thread. tl_host_state_handle() may only be called while no FMU is being called.
  */
 
@@ -139,6 +141,8 @@ typedef enum tl_host_change {
     TL_HOST_LIMITS = 512
 } tl_host_change;
 
+/* Number of these kinds; bytes of a text with its end mark; calls of tl_host_state_restore_part()
+ * that restore all. */
 enum { TL_HOST_CHANGES = 10, TL_HOST_CHANGE_TEXT = 256, TL_HOST_STATE_TURNS = 16 };
 
 /* Saves the current state for tl_host_state_restore(). Call it in the FMU thread, before the first
@@ -146,25 +150,26 @@ enum { TL_HOST_CHANGES = 10, TL_HOST_CHANGE_TEXT = 256, TL_HOST_STATE_TURNS = 16
 void tl_host_state_save(void);
 
 /* Restores what differs from the saved state and returns the changes as bits of tl_host_change.
- * Returns 0 if no state was saved. Makes about 34 system calls if nothing has changed. */
+ * Returns 0 if no state was saved. Makes at most 34 system calls if nothing has changed. */
 unsigned tl_host_state_restore(void);
 
 /* As tl_host_state_restore(), for a part of the state: the floating-point control bits, the locale,
- * and one further kind, one signal handler and one limit. The next call takes the next kind,
- * handler and limit; TL_HOST_STATE_TURNS calls restore all. Makes at most three system calls if
- * nothing has changed. */
+ * one further kind, one signal handler and one limit. The next call restores the next kind, handler
+ * and limit; TL_HOST_STATE_TURNS calls restore all. Makes at most three system calls if nothing has
+ * changed. */
 unsigned tl_host_state_restore_part(void);
 
-/* Callback after one of our handlers was restored. `foreign`: the handler of the FMU, which had
- * replaced ours. */
+/* Callback after one of our handlers was restored. `foreign`: the handler that an FMU had installed
+ * in its place. */
 typedef void tl_host_state_displaced(int signal, const struct sigaction *foreign);
 
 /* Installs a handler of the program like sigaction(). From now on tl_host_state_restore() restores
- * it. Handlers of more than 12 signals are installed, but not restored. `displaced` may be NULL.
- * Returns 0, or -1 with errno. */
+ * the handler. At most 12 signals are restored; further handlers are only installed. `displaced`
+ * may be NULL. Returns 0, or -1 with errno. */
 int tl_host_state_handle(int signal, const struct sigaction *action, tl_host_state_displaced *displaced);
 
-/* Lists the changes in words, for example "the locale and the umask". */
+/* Lists the changes in words, for example "the locale and the umask". `changes`: bits of
+ * tl_host_change; 0: "". */
 void tl_host_state_describe(unsigned changes, char text[TL_HOST_CHANGE_TEXT]);
 
 #endif

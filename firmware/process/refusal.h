@@ -1,4 +1,5 @@
-/* Denied (refused) system calls of a confined process, and the FMUs that made them.
+/* Refused system calls of a confined process (confine.h), and the FMUs that made them. Messages
+ * call them "denied".
  *
  * Thread:  see each section.
  */
@@ -15,15 +16,16 @@
  *
  * Purpose: some vendors' FMUs open a socket for a licence, start a tool or change a file's mode.
  *          The kernel blocks the thread that makes such a call, until this module receives the call
- *          and answers it, always with EPERM. Meanwhile the monitor can find out which FMU made it.
+ *          and answers it, always with EPERM. Meanwhile the monitor can find out which FMU made the
+ *          call.
  * Cost:    a refused call waits for the next poll. Poll often; in each poll, receive every waiting
  *          call and answer it immediately.
- * Memory:  no heap is used after the first received call, because another thread of the monitor may
- *          hold the lock of the heap inside fork() and wait for an answer itself.
+ * Memory:  no heap is used after the first received call. Another thread of the monitor may hold
+ *          the lock of the heap inside fork(), and may itself wait for an answer.
  * Thread:  any, one at a time.
  */
 
-enum { TL_REFUSAL_NAME = 32 };
+enum { TL_REFUSAL_NAME = 32 }; /* bytes of a system call's name with its terminating 0 */
 
 typedef struct tl_refusal {
     uint64_t id;                /* private: identifies the call to answer */
@@ -41,14 +43,14 @@ void tl_refusal_answer(int listener, const tl_refusal *refusal);
 
 /* ---- Messages about refused calls: one for each pair of FMU and system call.
  *
- * Purpose: the process that answers refused calls reports which FMU made which call, in which
- *          function of the FMU. Repeated calls are reported once.
+ * Purpose: the process that answers refused calls reports which FMU made which system call, in
+ *          which FMI function. Repeated calls are reported once.
  * Bound:   TL_FMU_REFUSALS (64) messages; calls of further pairs are answered but not reported.
  * Memory:  only the struct, which the caller owns.
  * Thread:  one at a time; the owner locks it if necessary.
  */
 
-enum { TL_FMU_REFUSALS = 64, TL_FMU_REFUSAL_TEXT = 320 };
+enum { TL_FMU_REFUSALS = 64, TL_FMU_REFUSAL_TEXT = 320 }; /* messages; bytes of a message */
 
 /* Callback that receives a message about a refused call of an FMU (used by twin_process.h). */
 typedef void tl_fmu_refusals_listener(void *context, const char *text);
@@ -56,7 +58,7 @@ typedef void tl_fmu_refusals_listener(void *context, const char *text);
 typedef struct tl_fmu_refused {
     char call[TL_REFUSAL_NAME];
     char fmu[TL_FMU_CALL_NAME];
-    bool is_in_call; /* true: made inside an FMI function; false: while the library was loaded, or by another thread */
+    bool is_in_call; /* true: made during an FMI function; false: while the library was loaded, or outside of calls */
     uint32_t begun;  /* number of the FMI call (fmu_call.h) in which the system call was last refused */
     char message[TL_FMU_REFUSAL_TEXT];
 } tl_fmu_refused;
@@ -68,16 +70,15 @@ typedef struct tl_fmu_refusals {
 } tl_fmu_refusals;
 
 /* Notes a refused call. Call it before tl_refusal_answer(): the thread is still blocked, so `calls`
- * (of its process) shows which FMI function it is in. Returns true if there is a new message. */
+ * (of its process) shows which FMI function runs. Returns true if there is a new message. */
 bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_calls *calls);
 
-/* Returns the next message that was not yet reported, or NULL. *reported_count counts
- * the reported messages; the caller sets it to 0 at first. The text is valid as long as `refusals`.
- */
+/* Returns the next message that was not yet reported, or NULL. *reported_count counts the reported
+ * messages; the caller sets it to 0 at first. The text is valid as long as `refusals`. */
 const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *reported_count);
 
 /* Returns true if a system call was refused in the FMI call that failed, or outside of any FMI
- * call: that may have caused the failure. Call it after the process has ended. */
+ * call: the refusal may have caused the failure. Call it after the process has ended. */
 bool tl_fmu_refusals_may_be_cause(const tl_fmu_refusals *refusals, const tl_fmu_calls *calls);
 
 #endif

@@ -1,5 +1,5 @@
-/* Roles: the program starts itself again as a process that has one task and only
- *        the resources for it.
+/* Roles: the program starts itself again as a process that has one task (its role) and only the
+ * resources for this task.
  *
  * Purpose: a child with a role inherits no memory, no handlers, no terminal, and only the given
  *          descriptors. The program file is opened once at the start, and children are executed
@@ -23,15 +23,16 @@
 
 #include "master/base/status.h"
 
+/* Maximum numbers: descriptors of a child, bytes of a title, variables that are added. */
 enum { TL_ROLE_DESCRIPTORS = 24, TL_ROLE_TITLE = 96, TL_ROLE_VARIABLES = 8 };
 
 typedef struct tl_role_settings {
     const char *title;                    /* for example "twin [motor]"; truncated to TL_ROLE_TITLE bytes */
-    int descriptors[TL_ROLE_DESCRIPTORS]; /* of this process; they become 0 … 23 in the child; −1: closed there */
+    int descriptors[TL_ROLE_DESCRIPTORS]; /* entry i becomes descriptor i (0 … 23) of the child; −1: closed there */
     const char *const *variables;         /* "TMPDIR=…": added to the environment; replaces a variable of that name */
     size_t variable_count;                /* at most TL_ROLE_VARIABLES */
-    const char *const *inherits; /* inherited variables, ended by NULL; "LC_*": all that begin with LC_. NULL: all */
-    int (*fallback)(const char *title, void *context); /* runs the role; returns the child's exit code; NULL: none */
+    const char *const *inherits; /* names of inherited variables, ended by NULL; "LC_*": all that begin so. NULL: all */
+    int (*fallback)(const char *title, void *context); /* runs the role, returns the exit code; NULL: none */
     void *context;                                     /* of `fallback` */
 } tl_role_settings;
 
@@ -39,41 +40,41 @@ typedef struct tl_role_settings {
 typedef struct tl_role {
     pid_t pid;      /* 0: none, or it has ended and was reaped */
     bool is_forked; /* the program could not be executed: the child has a copy of our memory */
-    bool has_ended; /* the two below are valid */
-    int signal;     /* signal that killed it; 0: it exited */
-    int code;       /* exit code; -1: unknown, because other code has reaped it */
+    bool has_ended; /* `signal` and `code` are valid */
+    int signal;     /* signal that killed the child; 0: the child exited */
+    int code;       /* exit code; -1: unknown, because other code has reaped the child */
 } tl_role;
 
 /* ---- at the start of every process ---- */
 
-/* Call it first in main(). Returns the title of the role, which lives as long as argv. Returns NULL
- * if the process has no role; then also opens the program file. */
+/* Call it first in main(). Returns the title of the role, which is part of `argv`. Returns NULL if
+ * the process has no role; then also opens the program file. */
 const char *tl_role_begin(char *const *argv);
 
 /* In a process with a role: changes its title. The new title is truncated to the length of the
  * original one, which can be padded with spaces to reserve room. */
 void tl_role_entitle(const char *title);
 
-/* In a process with a role that starts children: opens the program file that it executes
- * for them. */
+/* In a process with a role that starts children: opens the program file that tl_role_start()
+ * executes. */
 void tl_role_open_program(void);
 
 /* In a process without a role, after all its children have ended: executes the program again with
  * the same command line. Returns only if that fails. */
 void tl_role_restart(void);
 
-/* In a process with a role: requests that the kernel kills it when its parent ends. Call it again
- * after a change of the user ID, which cancels the request. Ends the process if the parent has
- * already ended. */
+/* In a process with a role: requests that the kernel kills this process when its parent ends. Call
+ * it again after a change of the user ID, which cancels the request. Ends this process if the
+ * parent has already ended. */
 void tl_role_enter(void);
 
 /* ---- in the parent ---- */
 
-/* Starts a child, and waits until it executes the program or `fallback`. Sets *role, zeroed on
- * failure. */
+/* Starts a child, and waits until the child executes the program or `fallback`. Sets *role; zeroed
+ * on failure. */
 tl_status tl_role_start(const tl_role_settings *settings, tl_role *role, tl_error *error);
 
-/* Polls the child without blocking. Returns true if it has ended and was reaped. */
+/* Polls the child without blocking. Returns true if the child has ended and was reaped. */
 bool tl_role_watch(tl_role *role);
 
 /* Kills the child if it has not ended, and waits for its end. A zeroed role is allowed. */

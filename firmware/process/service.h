@@ -15,11 +15,10 @@
 /* Sends lines of sd_notify(3): "READY=1", "WATCHDOG=1", "STATUS=…", "STOPPING=1". Does not block.
  * Returns false if no socket could be opened, or if the socket is full because the service manager
  * has not read earlier lines. A real-time process may keep the service manager from running, so
- * never wait for it. */
+ * never wait for it. Returns true without a service manager. */
 bool tl_service_notify(const char *state);
 
-/* Returns the unit's WatchdogSec, ns: the longest time between two "WATCHDOG=1"; 0: no watchdog.
- * Sends nothing, and extends no timeout (EXTEND_TIMEOUT_USEC). */
+/* Returns the unit's WatchdogSec, ns: the longest time between two "WATCHDOG=1"; 0: no watchdog. */
 tl_time tl_service_watchdog_period(void);
 
 #endif
