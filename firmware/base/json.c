@@ -544,10 +544,11 @@ tl_status tl_json_writer_print(const tl_json_writer *writer, FILE *file, tl_erro
 
 tl_status tl_json_file_write(const tl_json_writer *writer, const char *path, tl_error *error) {
     tl_new_file file;
-    if (tl_new_file_open(path, &file, error) != TL_OK) {
-        return TL_TRY_AGAIN;
+    tl_status status = tl_new_file_open(path, &file, error);
+    if (status != TL_OK) {
+        return status;
     }
-    tl_status status = tl_json_writer_print(writer, file.file, error);
+    status = tl_json_writer_print(writer, file.file, error);
     if (status != TL_OK) {
         tl_new_file_discard(&file);
         return status;

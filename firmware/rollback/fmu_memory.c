@@ -162,6 +162,7 @@ static void note_used(tl_fmu_memory *memory) {
     memory->most_used = used > memory->most_used ? used : memory->most_used;
 }
 
+/* If `*state` has no room, replaces it by a new one, and the caller frees the old one. */
 static tl_status make_room(tl_fmu_memory *memory, memory_state **state, size_t need, tl_error *error) {
     if (*state != NULL && (*state)->room >= need) {
         return TL_OK;
@@ -173,7 +174,6 @@ static tl_status make_room(tl_fmu_memory *memory, memory_state **state, size_t n
         return TL_TRY_AGAIN;
     }
     *made = (memory_state){.room = room};
-    tl_fmu_memory_forget(*state);
     *state = made;
     return TL_OK;
 }
@@ -427,7 +427,6 @@ static void copy_regions(const tl_fmu_memory *memory, size_t count, bool all, un
 }
 
 static tl_status save_pages(tl_fmu_memory *memory, memory_state **state, size_t used, tl_error *error) {
-    memory_state *before = *state;
     tl_status status = make_room(memory, state, bytes_outside_pages(memory), error);
     if (status == TL_OK) {
         bool was_written = memory->heap->was_written;
@@ -437,8 +436,6 @@ static tl_status save_pages(tl_fmu_memory *memory, memory_state **state, size_t 
     if (status == TL_OK) {
         (*state)->pages = memory->pages;
         copy_regions(memory, memory->regions.count, false, (*state)->bytes, false);
-    } else if (before == NULL) {
-        tl_fmu_memory_forget(*state);
     }
     return status;
 }
@@ -466,8 +463,8 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     if (side_effect != NULL) {
         return tl_fail(error, TL_FMU_FAILED, "its memory cannot be copied, because it has %s", side_effect);
     }
-    memory_state *kept = *state != NULL ? *state : take_reserved(memory);
-    bool is_reserved = *state == NULL && kept != NULL;
+    memory_state *before = *state != NULL ? *state : take_reserved(memory);
+    memory_state *kept = before;
     size_t used = tl_fmu_heap_used(memory->heap);
     tl_status status = find_regions(memory, error);
     status = status == TL_OK ? choose_storage(memory, used, error) : status;
@@ -476,10 +473,13 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     } else if (status == TL_OK) {
         status = make_room(memory, &kept, used + memory->regions.bytes, error);
     }
+    if (kept != before) {
+        tl_fmu_memory_forget(status == TL_OK ? before : kept);
+    }
     if (status != TL_OK) {
-        if (is_reserved) {
-            kept->next = memory->reserved;
-            memory->reserved = kept;
+        if (*state == NULL && before != NULL) {
+            before->next = memory->reserved;
+            memory->reserved = before;
         }
         return status;
     }

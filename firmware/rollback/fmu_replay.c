@@ -568,5 +568,9 @@ fmi2Status tl_fmu_replay_restore_start(tl_fmu_replay *replay) {
     replay->phase = TL_FMU_REPLAY_PLAYS;
     fmi2Status status = reset_instance(replay);
     replay->phase = TL_FMU_REPLAY_NOTES;
-    return status <= fmi2Warning ? fmi2OK : status;
+    if (status > fmi2Warning) {
+        tl_fmu_history_lose(&replay->history);
+        return status;
+    }
+    return fmi2OK;
 }
