@@ -396,6 +396,26 @@ static void check_adjusted(warnings *list, const tl_config *config, const tl_twi
     }
 }
 
+/* In tolerances. Tried with tanks and TCLab: below 0.02 the twin was not corrected at all; above
+ * 0.03 it was in lock. */
+static const double LEAST_MOVEMENT = 0.05;
+
+/* Not for a variable without any effect, because that may depend on the initial values. */
+static void check_responses(warnings *list, const tl_assembly *assembly, const tl_response *responses) {
+    const tl_config *config = &assembly->config;
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        const tl_response *response = &responses[i];
+        if (response->is_known && response->steps != 0 && response->tolerances < LEAST_MOVEMENT) {
+            warn(list, config->adjust[i].where,
+                 "horizon.prediction is too short: within it, %s moves %s by %.2g tolerances only, so a search finds "
+                 "nothing to correct. A whole tolerance takes %" PRIu32 " steps: set \"prediction\" to about %" PRIu32
+                 ", or let check --recording try horizons",
+                 response->has_range ? "its whole range" : "ten times its step",
+                 config->match[response->match].variable, response->tolerances, response->steps, response->steps);
+        }
+    }
+}
+
 static void check_free_twin(warnings *list, const tl_config *config, const tl_twin *twin) {
     if (config->free_twin && !tl_twin_get_facts(twin).has_free_twin) {
         warn(list, "synchronise.free_twin",
@@ -577,8 +597,8 @@ static void check_initial(warnings *list, const tl_assembly *assembly) {
     }
 }
 
-size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_late_verification *rollback,
-                       const tl_read_back_report *states, FILE *file) {
+size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_response *responses,
+                       const tl_late_verification *rollback, const tl_read_back_report *states, FILE *file) {
     const tl_config *config = &assembly->config;
     warnings list = {.file = file};
     check_outputs(&list, config, prognosis);
@@ -595,6 +615,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
         check_saving(&list, config);
         check_room(&list, config, assembly->twin);
         check_adjusted(&list, config, assembly->twin);
+        check_responses(&list, assembly, responses);
         check_conditions(&list, config);
         check_lead(&list, config, tl_twin_get_facts(assembly->twin).lead);
         check_free_twin(&list, config, assembly->twin);

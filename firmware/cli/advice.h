@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
+#include "firmware/cli/response.h"
 #include "firmware/store/run_types.h"
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/read_back.h"
@@ -59,9 +60,10 @@ void tl_prognosis_make(const tl_assembly *assembly, tl_prognosis *prognosis);
  */
 
 /* Prints each warning as a paragraph that begins with the JSON path, at most 79 columns wide.
- * Returns the number of warnings. `rollback`: result of the later rollback test (twin_trial.h);
- * `states`: result of the test of saved states (read_back.h). */
-size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_late_verification *rollback,
-                       const tl_read_back_report *states, FILE *file);
+ * Returns the number of warnings. `responses`: of each adjusted variable (response.h). `rollback`:
+ * result of the later rollback test (twin_trial.h); `states`: result of the test of saved states
+ * (read_back.h). */
+size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_response *responses,
+                       const tl_late_verification *rollback, const tl_read_back_report *states, FILE *file);
 
 #endif

@@ -11,6 +11,7 @@
 #include "firmware/base/log.h"
 #include "firmware/base/text.h"
 #include "firmware/cli/advice.h"
+#include "firmware/cli/response.h"
 #include "firmware/config/config.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_blocks.h"
@@ -348,7 +349,25 @@ static void print_adjusted(const tl_assembly *assembly, size_t index, FILE *outp
     (void)fputc('\n', output);
 }
 
-static void print_synchronisation(const tl_assembly *assembly, FILE *output) {
+/* By one step of the variable, on the output that it moves first. */
+static void print_response(const tl_assembly *assembly, const tl_response *response, FILE *output) {
+    const tl_plan_match *match = &assembly->config.match[response->match];
+    const char *unit = tl_twin_match_unit(assembly->twin, response->match);
+    if (!response->is_known) {
+        return;
+    }
+    if (response->most <= 0.0) {
+        (void)fprintf(output, "          moves no matched output within %g s of the start\n",
+                      tl_seconds(response->length));
+        return;
+    }
+    (void)fprintf(
+        output, "          which moves %s by %.3g%s%s within T_P,\n          by %.3g within %g s, half of it in %g s\n",
+        match->variable, response->soon, unit[0] != '\0' ? " " : "", unit, response->most, tl_seconds(response->length),
+        tl_seconds(response->half));
+}
+
+static void print_synchronisation(const tl_assembly *assembly, const tl_response *responses, FILE *output) {
     const tl_config *config = &assembly->config;
     for (size_t i = 0; i < config->match_count; i++) {
         const tl_plan_match *match = &config->match[i];
@@ -364,6 +383,7 @@ static void print_synchronisation(const tl_assembly *assembly, FILE *output) {
     print_wait(config, "readings that feed inputs", true, config->input_lookup.ticks, output);
     for (size_t i = 0; i < config->adjust_count; i++) {
         print_adjusted(assembly, i, output);
+        print_response(assembly, &responses[i], output);
     }
 }
 
@@ -712,18 +732,25 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     tl_live_blocks blocks;
     tl_late_verification rollback = {.times = 0};
     tl_read_back_report states;
+    tl_response responses[TL_MAX_ADJUST];
     tl_prognosis_make(assembly, &prognosis);
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     if (prognosis.error.status != TL_OK) {
         report_failure(assembly, &prognosis);
         return prognosis.error.status;
     }
+    tl_time longest = job->brief ? 0 : TL_RESPONSE_LONGEST;
+    tl_status status = tl_response_measure(assembly, prognosis.step_time, longest, responses, &prognosis.error);
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", prognosis.error.text);
+        return status;
+    }
     (void)fprintf(output, "%s: %s\n", config->path, config->name);
     print_components(assembly, output);
     print_time(assembly, output);
     print_bounds(assembly, output);
     print_mode(assembly, output);
-    print_synchronisation(assembly, output);
+    print_synchronisation(assembly, responses, output);
     print_delays(config, output);
     print_needs(assembly, &prognosis, output);
     tl_live_blocks_of(config, saved_size(assembly), &blocks);
@@ -740,7 +767,7 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     if (!job->brief && config->event.start.signal == NULL) {
         print_faster_keep(assembly, output);
     }
-    found->warnings = (uint32_t)tl_advice_print(assembly, &prognosis, &rollback, &states, output);
+    found->warnings = (uint32_t)tl_advice_print(assembly, &prognosis, responses, &rollback, &states, output);
     found->least = prognosis.step_time;
     found->worst = prognosis.worst_time;
     found->memory = (uint64_t)facts.memory + facts.state_memory + blocks.queue + blocks.checkpoints;

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """The output of `check`: its figures, and that the run stays within them."""
 import json
+import math
 import os
 import re
 
@@ -55,6 +56,22 @@ def test_search_and_horizon():
            f"nodes, memory or time of a cache is missing: {found}")
     expect(found["plant"][5:] == [None, None, None], f"{found}")
     expect_line(page, "worst step|246 executions|60 evaluations")
+
+
+def test_a_horizon_too_short_for_the_plant():
+    """Two vessels in series, of 0.6 s and 0.4 s: within T_P = T_D = 2 steps of 10 ms the input hardly acts. The input of a series
+    of lags acts by 1 − (0.6·exp(−t/0.6) − 0.4·exp(−t/0.4))/0.2."""
+    short = edited_config("vessels/live.json", {"synchronise": {"horizon": {"prediction": 2}}})
+    page = run_well(["check", short])
+    expect_line(page, "moves second.y|within T_P")
+    steps = number(" ".join(page.split()), r"synchronise.adjust.first.u: .*A whole tolerance takes (\d+) steps")
+    by = [5 - 5 * (0.6 * math.exp(-i / 60) - 0.4 * math.exp(-i / 40)) / 0.2 for i in range(100)]
+    wanted = next(i for i, value in enumerate(by) if value > 0.05)
+    expect(abs(steps - wanted) <= 1, f"{steps} steps to a tolerance of 0.05 with an input of 0 … 5, wanted {wanted}")
+    expect_line(page, "no problem found|1 warning")
+    page = run_well(["check", SOURCE / "config" / "vessels" / "live.json"])
+    expect_no_line(page, "whole tolerance")
+    within(number(page, r"by ([\d.]+) within 10 s"), 0.1, 0.001, "movement by a step of 0.1, of a gain of 1")
 
 
 def test_a_run_keeps_to_it():

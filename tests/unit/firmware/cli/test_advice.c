@@ -22,6 +22,7 @@ static tl_assembly assembly;
 static tl_prognosis prognosis;
 static tl_late_verification look;
 static tl_read_back_report states;
+static tl_response responses[TL_MAX_ADJUST];
 static char *printed;
 
 enum { WARNINGS = 4, TEXT = 512, COLUMNS = 79 };
@@ -33,6 +34,7 @@ void setUp(void) {
     prognosis = (tl_prognosis){.steps = 200, .step_time = 1000, .worst_time = 2000, .fitting = 60};
     look = (tl_late_verification){.times = 0};
     states = (tl_read_back_report){.is_tried = false};
+    memset(responses, 0, sizeof responses);
     printed = NULL;
 }
 
@@ -88,7 +90,7 @@ static void expect_count(size_t count) {
     size_t size = 0;
     free(printed);
     FILE *file = open_memstream(&printed, &size);
-    size_t given = tl_advice_print(&assembly, &prognosis, &look, &states, file);
+    size_t given = tl_advice_print(&assembly, &prognosis, responses, &look, &states, file);
     (void)fclose(file);
     TEST_ASSERT_EQUAL_size_t_MESSAGE(count, given, printed);
     TEST_ASSERT_EQUAL_size_t(count, read_warnings());
@@ -265,6 +267,18 @@ static void load_step(const char *step) {
     load(LOCK, "\"step\": 0.12", with);
 }
 
+static void test_a_horizon_that_is_too_short(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
+    responses[0] = (tl_response){.is_known = true, .most = 1.0, .tolerances = 0.049, .steps = 41};
+    expect_one("synchronise.adjust.motor.d|prediction|ten times its step|motor.omega|0.049|41");
+    responses[0].has_range = true;
+    expect_one("synchronise.adjust.motor.d|prediction|whole range|motor.omega|0.049|41");
+    responses[0].tolerances = 0.051;
+    expect_none();
+    responses[0] = (tl_response){.is_known = true, .most = 1.0, .tolerances = 0.0};
+    expect_none();
+}
+
 static void test_a_step_that_means_nothing(void) {
     load_step("1e-14");
     expect_none();
@@ -335,6 +349,7 @@ int main(void) {
     RUN_TEST(test_a_conditioned_measurement_in_mode_ahead);
     RUN_TEST(test_a_nominal_outside_its_bounds);
     RUN_TEST(test_a_variable_without_bounds);
+    RUN_TEST(test_a_horizon_that_is_too_short);
     RUN_TEST(test_a_step_that_means_nothing);
     RUN_TEST(test_room_for_less_than_the_worst_case);
     RUN_TEST(test_stagnation_before_each_unknown_was_tried);

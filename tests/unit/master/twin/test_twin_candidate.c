@@ -129,11 +129,64 @@ static void test_a_component_that_cannot_be_restored_ends_the_twin(void) {
     expect_ended(TL_FMU_FAILED);
 }
 
+/* ---- response ---- */
+
+enum { RESPONSE = 12 };
+
+static tl_status respond(double change, double *response) {
+    return tl_twin_respond(run.twin, 0, change, RESPONSE, response, &failure, &run.error);
+}
+
+/* A step of 0.1 s moves y by 0.1/0.4 of its distance to the input. Then the twin continues as one
+ * that was not asked. */
+static void test_the_response_of_a_lag(void) {
+    for (int sequences = 0; sequences < 2; sequences++) {
+        double response[RESPONSE];
+        double after[2];
+        for (int asked = 0; asked < 2; asked++) {
+            build(TL_TEST_ERROR, sequences != 0);
+            for (int i = 0; i < asked; i++) {
+                TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, respond(2.0, response), run.error.text);
+                TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, failure.status, failure.text);
+            }
+            tl_test_run_step(&run);
+            TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
+            after[asked] = output();
+            tearDown();
+            setUp();
+        }
+        TEST_ASSERT_EQUAL_MEMORY(&after[0], &after[1], sizeof after[0]);
+        for (int i = 0; i < RESPONSE; i++) {
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, 2.0 * (1.0 - pow(0.75, i + 1)), response[i]);
+        }
+    }
+}
+
+static void test_no_response(void) {
+    double response[RESPONSE];
+    build(TL_TEST_ERROR, false);
+    TEST_ASSERT_EQUAL_INT(TL_OK, respond(20.0, response));
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, failure.status);
+    TEST_ASSERT_EQUAL_INT(TL_OK, respond(1.0, response));
+    TEST_ASSERT_EQUAL_INT(TL_OK, failure.status);
+    fmu.functions.replay.most = 100;
+    TEST_ASSERT_EQUAL_INT(TL_OK, respond(1.0, response));
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, failure.status);
+    fmu.functions.replay.most = 0;
+    tearDown();
+    setUp();
+    build(TL_TEST_FATAL, false);
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, respond(20.0, response));
+    expect_ended(TL_FMU_FATAL);
+}
+
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_it_executes_and_restores);
     RUN_TEST(test_an_fmu_fails);
     RUN_TEST(test_a_fatal_failure_ends_the_twin);
     RUN_TEST(test_a_component_that_cannot_be_restored_ends_the_twin);
+    RUN_TEST(test_the_response_of_a_lag);
+    RUN_TEST(test_no_response);
     return UNITY_END();
 }

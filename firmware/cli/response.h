@@ -1,0 +1,43 @@
+/* Response of the matched outputs to the adjusted variables, for `check`.
+ *
+ * Purpose: a search sees T_P steps only. If the whole range of a variable hardly moves a matched
+ *          output within them, the search finds nothing to correct. T_D does not show this: it
+ *          counts components, not their time constants.
+ * Method:  two free runs of a twin that has begun, with and without a lasting change, with constant
+ *          signals of the plant. Larger changes are extrapolated linearly.
+ * Not for: an event horizon, Boolean variables, and FMUs that are rolled back by replay.
+ * Thread:  the FMU thread. The twin remains as it was.
+ */
+#ifndef TL_FIRMWARE_CLI_RESPONSE_H
+#define TL_FIRMWARE_CLI_RESPONSE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/twin/assembly.h"
+#include "master/base/simtime.h"
+
+/* Response to one adjusted variable. */
+typedef struct tl_response {
+    bool is_known;     /* false: nothing was measured, and the other fields are 0 */
+    bool has_range;    /* the variable has both bounds; false: its range counts as ten times its `step` each way */
+    size_t match;      /* the matched output that is first moved by a tolerance, else the one that is moved most */
+    double soon;       /* its movement within T_P by one `step` of the variable, in its unit */
+    double most;       /* its largest movement within `length` */
+    tl_time half;      /* time to half of `most`, ns */
+    tl_time length;    /* duration of the measurement, ns */
+    double tolerances; /* movement within T_P by the whole range, in tolerances */
+    uint32_t steps;    /* number of steps until the whole range has moved it by a tolerance; 0: not within `length` */
+} tl_response;
+
+/* Usual duration of the measurement, ns. */
+#define TL_RESPONSE_LONGEST (TL_SECOND / 4)
+
+/* Fills one entry per adjusted variable. A failure of an FMU leaves the entry unknown. `step_time`:
+ * duration of a free step here, ns. `longest`: bound for all steps together, ns; 0: none are made.
+ * Errors: those of tl_twin_respond(). */
+tl_status tl_response_measure(const tl_assembly *assembly, tl_time step_time, tl_time longest,
+                              tl_response responses[TL_MAX_ADJUST], tl_error *error);
+
+#endif
