@@ -33,7 +33,7 @@ typedef struct tl_prognosis {
 
     /* Results of the dry run; times in ns on this machine, 0: unknown. */
     size_t steps;                         /* number of measured steps */
-    tl_error error;                       /* failure of the dry run; then of this part only next_tick is valid */
+    tl_error error;                       /* failure of the dry run; then only next_tick is valid here */
     uint64_t bad_outputs;                 /* bits of the first outputs that were not finite, as in a record */
     int64_t bad_step;                     /* step of bad_outputs */
     int64_t next_tick;                    /* first tick after the dry run; after a failure: after the failed tick */

@@ -6,8 +6,8 @@
  * Order:   T_P = T_D first, then 2, 5, 10, 20, 50 … steps and the configured T_P. The trials end
  *          before a T_P if the last trial failed, took more than TL_HORIZON_LONGEST or exceeded the
  *          time budget of a step, or if the replayed time is below TL_HORIZON_PARTS · T_P. The
- *          chosen T_P is tried again with the other value of "free_twin". Not for: an event
- *          horizon, configurations that adjust nothing, and twins without released twins
+ *          chosen T_P is tried again with the other value of "free_twin".
+ * Not for: an event horizon, a configuration that adjusts nothing, or a twin without released twins
  *          (tl_released_state).
  * Thread:  one, as for twin_child.h.
  */
@@ -22,9 +22,9 @@ enum { TL_HORIZON_STEPS = 20000, TL_HORIZON_PARTS = 16 };
 #define TL_HORIZON_LONGEST (20 * TL_SECOND)
 
 typedef struct tl_horizon_trials_settings {
-    const tl_twin_child_settings *child; /* of the configuration; each trial copies its job, with another text */
+    const tl_twin_child_settings *child; /* each trial copies it, with another text in the job */
     const char *recording;               /* path of the recording */
-    int64_t run;                         /* number of a run, if the recording is a database; 0: the last run */
+    int64_t run;                         /* run of a recording that is a database; 0: the last */
     const char *patch;                   /* proposed settings, a JSON merge patch */
 } tl_horizon_trials_settings;
 

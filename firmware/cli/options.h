@@ -47,7 +47,7 @@ enum { TL_OPTIONS_NO_TABLE = -1 }; /* tl_options.table: not given */
  * table in options.c has the help. Options that were not given are NULL, 0 or false, or have the
  * default stated here. */
 typedef struct tl_options {
-    const char *subject; /* the argument that is no option: path of a configuration or, by verb, of a database */
+    const char *subject; /* path of a configuration or, by verb, of a database; the only argument */
     bool variables;
     double call_limit_s;       /* longest call of an FMU, s; default 60 */
     uint64_t memory_limit_mib; /* of the FMU process, MiB; 0: half of the machine's memory, at most 4096 MiB */

@@ -77,7 +77,7 @@ typedef struct tl_html_settings {
     int64_t origin;                           /* if live: start of step 0, ms since 1970 UTC */
     bool clock;                               /* a clock limited the searches, so `used` of a step is valid */
     tl_time budget;                           /* time budget of a search, ns; 0: unknown */
-    int64_t first;                            /* number of the first step on the page; do not add earlier ones */
+    int64_t first;                            /* first step on the page; do not add earlier ones */
     const tl_recorder_signal *match, *adjust; /* matched outputs, adjusted variables */
     size_t match_count, adjust_count;
     const double *tolerance; /* of each match, in its unit; 0: none */

@@ -36,15 +36,15 @@ typedef struct tl_run_figures {
     uint64_t steps;   /* steps computed at their own tick; caught-up and resumed steps are only in `outcomes` */
     uint64_t skipped; /* missed ticks; the caller counts them, the functions below do not */
     uint64_t evaluations;
-    uint64_t optimised_steps; /* steps with more than one evaluation */
-    uint64_t rested;          /* steps with u at nominal, because the twin was nearer to the plant without correction */
-    uint64_t refused;         /* steps with candidates that could not be evaluated */
+    uint64_t optimised_steps;          /* steps with more than one evaluation */
+    uint64_t rested;                   /* steps with u at nominal, because corrections did harm (TL_FLAG_RESTS) */
+    uint64_t refused;                  /* steps with candidates that could not be evaluated */
     uint64_t outcomes[TL_OUTCOMES];    /* steps, by outcome */
     uint64_t time_limited;             /* searches that the time budget ended */
     uint64_t late;                     /* steps that took longer than their period */
     tl_time longest;                   /* computing time of the longest step, ns */
     tl_metrics match[TL_MAX_MATCH];    /* Δy at the end of each step */
-    tl_metrics readings[TL_MAX_MATCH]; /* Δy at the times of the plant's readings; `left_out`: rejected readings */
+    tl_metrics readings[TL_MAX_MATCH]; /* Δy at the plant's readings; `left_out`: rejected ones */
     tl_metrics released[TL_MAX_MATCH]; /* Δy of the older released twin; do not use `left_out` */
     tl_run_adjusted adjust[TL_MAX_ADJUST];
     tl_run_component ledger[TL_RECORDER_COMPONENTS];

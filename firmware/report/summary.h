@@ -30,7 +30,7 @@ typedef struct tl_summary {
     uint64_t not_good[TL_MAX_SIGNALS]; /* samples that were not good, by signal */
     uint64_t moved[TL_MAX_SIGNALS];    /* samples whose value was moved to a limit of an FMU, by signal */
     uint64_t readings[TL_MAX_SIGNALS]; /* live: readings that arrived, by signal */
-    uint64_t expected[TL_MAX_SIGNALS]; /* live: readings that the configuration expects; 0: it defines no rate */
+    uint64_t expected[TL_MAX_SIGNALS]; /* live: expected by the configuration; 0: no rate */
     struct {
         double value;
         tl_time age; /* of the reading, ns */

@@ -39,7 +39,7 @@ typedef struct tl_activation_view {
     tl_run_status figures;         /* of the run; counts restart at 0 with each run, also after a handover */
     double step_s;                 /* T_S, s */
     bool holds;                    /* safe hold: there is no twin */
-    bool waits;                    /* safe hold because the twin may not start yet; the probation's time stops */
+    bool waits;                    /* safe hold until the twin may start; the probation's time stops */
     char line[TL_ACTIVATION_LINE]; /* the status line */
 } tl_activation_view;
 
@@ -58,7 +58,7 @@ typedef struct tl_activation_candidate {
     const char *text;                     /* of the configuration */
     size_t size;                          /* bytes of the text */
     const char *hash;                     /* of the text */
-    tl_live_needs needs;                  /* resources that its twin may use: as the trial measured, within limits */
+    tl_live_needs needs;                  /* resources that its twin may use, from the trial */
     const tl_lock_tolerances *tolerances; /* further tolerances by which the shadow evaluates its lock; zeroed: none */
 } tl_activation_candidate;
 

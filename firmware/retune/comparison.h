@@ -35,12 +35,12 @@ uint64_t tl_forecast_memory_left(void);
 /* ---- Comparison of the run's twin with the shadow over the same live time.
  *
  * Purpose: reports what both twins did in that time, and decides whether the shadow may become the
- *          live twin. Pure logic: the caller passes both states. Too slow: the box is too slow for
- *          two twins if the run's twin misses too many deadlines or skips too many ticks while the
- *          shadow runs. Its counts are compared with those before the shadow started, by the rule
- *          in probation.h. Skipped ticks count only if they form at least TL_PROBATION_MISSES gaps
- *          (gap: one or more skipped ticks in a row). The box is also too slow if a twin skips more
- *          than a quarter of its ticks.
+ *          live twin. Pure logic: the caller passes both states.
+ * Too slow: the box is too slow for two twins if the run's twin misses too many deadlines or skips
+ *          too many ticks while the shadow runs. Its counts are compared with those before the
+ *          shadow started, by the rule in probation.h. Skipped ticks count only if they form at
+ *          least TL_PROBATION_MISSES gaps (gap: one or more skipped ticks in a row). The box is
+ *          also too slow if a twin skips more than a quarter of its ticks.
  * Refused: the candidate is refused if its shadow's share of steps in lock is below the required
  *          one, and below that of the run's twin. It is also refused if the shadow executed no
  *          step.
@@ -50,10 +50,10 @@ uint64_t tl_forecast_memory_left(void);
  *          the run's tolerance, and TL_COMPARISON_TIMES the error of the run's twin. Errors are
  *          root mean squares over at least TL_COMPARISON_PAIRS pairs. The candidate's own tolerance
  *          does not count, because with a wide tolerance a twin far from the plant is in lock.
- *          Noise of the plant affects both twins alike, and is below the tolerance. The lock of the
- *          shadow is also evaluated by the tolerances of the version before. It is worse if its
- *          share of steps in lock is below the required one, and below that of the run's twin. The
- *          client may activate a worse candidate (TL_CONTROL_ACCEPT_WORSE).
+ *          Noise of the plant affects both twins alike, and is below the tolerance.
+ *          The shadow is also worse if, by the tolerances of the version before, its share of steps
+ *          in lock is below the required one, and below that of the run's twin. The client may
+ *          activate a worse candidate (TL_CONTROL_ACCEPT_WORSE).
  * Deadlines: missed deadlines of the shadow are only reported, because it has no real-time priority
  *            yet.
  * Failure: if the run's twin failed and restarted meanwhile, the result is TL_COMPARISON_BAD.

@@ -46,10 +46,10 @@ enum {
 typedef enum tl_control_verb {
     TL_CONTROL_SHOW,     /* state of the plant: one STATE */
     TL_CONTROL_READ,     /* text of a version: one CONFIGURATION */
-    TL_CONTROL_VERSIONS, /* all saved versions, newest first, then refused candidates likewise: one VERSION each */
+    TL_CONTROL_VERSIONS, /* a VERSION for each saved version, newest first, then for each refused candidate */
     TL_CONTROL_TAKE,     /* a candidate: sends CHANGE, PROBLEM and STEP replies */
     TL_CONTROL_CONFIRM,  /* ends the probation and keeps its version */
-    TL_CONTROL_RETURN,   /* cancels a change in progress, else rolls back a probation, else activates `version` again */
+    TL_CONTROL_RETURN,   /* activates `version` again; 0: cancels the change in progress or on probation */
     TL_CONTROL_VERBS
 } tl_control_verb;
 
@@ -59,9 +59,9 @@ typedef enum tl_control_flag {
     TL_CONTROL_MAY_RESTART =
         2, /* restarts the run, with a gap in the record, if the change cannot be made while the plant's twin runs */
     TL_CONTROL_MUST_CONFIRM = 4, /* the version is kept only if a user confirms it */
-    TL_CONTROL_WAIT = 8, /* replies continue until the version is kept or rolled back; default: until it is active */
+    TL_CONTROL_WAIT = 8,         /* replies until the version is kept or rolled back; default: until it is active */
     TL_CONTROL_ONLY_PENDING =
-        16, /* of RETURN: activates no older version; without a change in progress or a probation, nothing is done */
+        16, /* of RETURN: does nothing if there is no change in progress and no version on probation */
     TL_CONTROL_ACCEPT_WORSE =
         32, /* activates a candidate also if the comparison with the run's twin is "worse" (comparison.h) */
     TL_CONTROL_FLAGS = 63 /* all flags */
@@ -74,7 +74,7 @@ typedef struct tl_control_request {
         right; /* tl_change_right that the client claims, ≤ TL_RIGHT_COMMISSION; not checked against the peer's user */
     uint32_t origin;      /* tl_change_origin, at most TL_ORIGIN_LIMITED */
     uint32_t flags;       /* tl_control_flag, of TAKE and RETURN */
-    uint32_t probation_s; /* s; 0: 300. With only the right retune at least 2 × tl_verdict.window (worker.h) */
+    uint32_t probation_s; /* s; 0: 300. With the right retune at least 2 × tl_verdict.window */
     uint32_t shadow_s;    /* seconds of live samples during which a new twin runs as a shadow; 0: 60 */
     uint32_t unused;      /* padding */
     double require_lock;  /* percent of the probation's steps that must be in lock, at most 100; < 0: 95 */

@@ -65,7 +65,7 @@ typedef struct tl_version {
     char hash[TL_SHA256_TEXT];
     uint64_t size; /* bytes of its text */
     tl_change_origin origin;
-    tl_change_right right; /* right that the change needed; of a configuration file read at a start: commission */
+    tl_change_right right; /* that the change needed; of a file read at a start: commission */
     tl_change_kind kind;   /* of the change from its parent; TL_CHANGE_RESTART for the first */
     tl_version_result result;
     char who[TL_VERSION_WHO];    /* name of the user */
@@ -88,7 +88,7 @@ typedef struct tl_versions {
     size_t count;
     uint64_t active; /* number; 0: no version was activated yet */
     tl_version_probation probation;
-    char file_hash[TL_SHA256_TEXT]; /* of the newest configuration file that was activated or refused; "": none */
+    char file_hash[TL_SHA256_TEXT]; /* of the file that was activated or refused last; "": none */
     /* private */
     size_t room;                      /* capacity of the list */
     uint64_t newest;                  /* the highest number used so far */
@@ -208,7 +208,7 @@ enum { TL_REFUSED_CHANGES_MOST = 20 };
 
 typedef struct tl_refused_changes {
     size_t count;
-    tl_control_version list[TL_REFUSED_CHANGES_MOST]; /* oldest first; `version` is the number of the refusal, from 1 */
+    tl_control_version list[TL_REFUSED_CHANGES_MOST]; /* oldest first; `version`: number of the refusal */
     char folder[PATH_MAX];
 } tl_refused_changes;
 

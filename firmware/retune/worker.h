@@ -33,9 +33,9 @@
 #define TL_WORKER "worker"
 
 typedef enum tl_worker_kind {
-    TL_WORKER_VALIDATOR, /* parses the candidate and finds the changes; result: a verdict. Sandboxed; loads no FMU */
-    TL_WORKER_TRIAL, /* loads and starts the FMUs, executes and rolls back some steps, like `check`; result: an answer */
-    TL_WORKER_STATES, /* tests whether another process can load the FMUs' saved states; result: `why` */
+    TL_WORKER_VALIDATOR, /* parses the candidate, finds the changes; gives a tl_verdict. Sandboxed */
+    TL_WORKER_TRIAL,     /* starts the FMUs, executes and rolls back some steps, as `check`; gives a tl_trial_answer */
+    TL_WORKER_STATES,    /* tests whether another process can load the FMUs' saved states; gives `why` */
     TL_WORKERS
 } tl_worker_kind;
 
@@ -105,7 +105,7 @@ typedef struct tl_trial_answer {
     tl_time step;        /* T_S, ns */
     tl_time budget;      /* configured limit of a step's search time, ns */
     tl_time least;       /* measured time of a step without search, ns; 0: unknown */
-    tl_time worst;       /* the same if a search uses all evaluations, ns; 0: unknown, or there is no search */
+    tl_time worst;       /* the same with a complete search, ns; 0: unknown, or there is no search */
 } tl_trial_answer;
 
 /* Result of a worker; only the part for its kind is set. */

@@ -38,7 +38,7 @@ typedef struct tl_history_run {
     const char *version;            /* of the program that wrote it */
     const char *configuration_hash; /* SHA-256 of the configuration's text */
     const char *started;            /* UTC */
-    const char *ended;              /* UTC; NULL: being written, or its recorder was killed and no later one began */
+    const char *ended;              /* UTC; NULL: being written, or killed and no run has followed */
     const char *ended_reason;       /* NULL if `ended` is NULL */
     const char *committed;          /* UTC of the last commit */
     tl_time step;                   /* T_S, ns */
@@ -52,7 +52,7 @@ typedef struct tl_history_run {
     tl_time start;                         /* t_start, CLOCK_MONOTONIC of `boot`, ns */
     const char *boot;                      /* boot ID of the system */
     const char *fmus;                      /* SHA-256 over the SHA-256 of the FMUs; "": unknown */
-    int64_t removed_before;                /* the file has no ticks and steps before this one; 0: it has all */
+    int64_t removed_before;                /* the file has no earlier ticks and steps; 0: it has all */
 } tl_history_run;
 
 /* Plant signals, matched outputs, adjusted variables. */

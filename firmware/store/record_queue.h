@@ -31,7 +31,7 @@ enum { TL_EVENT_SOURCE = 32, TL_EVENT_TEXT = 224 }; /* bytes, including the NUL 
 typedef struct tl_recorder_event_entry {
     int64_t at;        /* CLOCK_MONOTONIC, ms; the recorder converts it to UTC */
     int64_t tick;      /* −1: no tick */
-    uint64_t position; /* end of the published entries when the event was put; 0 if it is in no record queue */
+    uint64_t position; /* end of the published entries when it was put; 0: put into no record queue */
     tl_severity severity;
     char source[TL_EVENT_SOURCE];
     char text[TL_EVENT_TEXT];
@@ -78,7 +78,7 @@ void tl_recorder_event_fill(tl_recorder_event_entry *entry, int64_t tick, tl_sev
 typedef struct tl_record_queue_settings {
     tl_recorder_shape shape; /* numbers of signals and components, which define the size of entries */
     size_t ring_bytes;       /* a power of two, at least tl_record_queue_ring_bytes(); 0: events only */
-    size_t checkpoint_bytes; /* largest checkpoint; the kernel allocates pages on first use. 0: no checkpoints */
+    size_t checkpoint_bytes; /* largest checkpoint, allocated on first use. 0: no checkpoints */
 } tl_record_queue_settings;
 
 /* Progress of the reader: what it has taken, that is, will not read again. It lies in the reader's
@@ -105,7 +105,7 @@ typedef struct tl_record_queue {
     tl_run_tuning configured;           /* for runs that begin from now on */
     tl_run_tuning tuning;               /* present tuning */
     tl_resumption beginning;            /* of the run; stamps are relative to its start */
-    uint64_t id;                        /* of the run: CLOCK_MONOTONIC when its beginning was put, ns; 0: no run */
+    uint64_t id;                        /* of the run: its beginning's CLOCK_MONOTONIC, ns; 0: no run */
 } tl_record_queue;
 
 /* Returns the ring size in bytes, a power of two: room for 30 s of a run with this shape, and for
@@ -201,8 +201,7 @@ typedef struct tl_record_queue_saved {
 bool tl_record_queue_saved_checkpoint(const tl_record_queue *queue, unsigned which, tl_record_queue_saved *left);
 
 /* Reads the entry at `*position` and advances the position. Returns false if there is no further
- * entry, or it is invalid (recorder_entry.h) or overwritten. Stamps: since its run's t_start, any
- * value. */
+ * entry, or if it is invalid (recorder_entry.h) or overwritten. Its stamps may have any value. */
 bool tl_record_queue_saved_entry(const tl_record_queue *queue, uint64_t *position, tl_recorder_entry *entry);
 
 /* ---- Memory layout of a record queue, for both sides.
@@ -289,6 +288,7 @@ typedef struct tl_record_queue_reader {
     char fault[TL_ERROR_TEXT]; /* "": none */
 } tl_record_queue_reader;
 
+/* Opens a reader. `settings`: those of the producer. `memory` must outlive the reader. */
 void tl_record_queue_reader_open(const tl_record_queue_settings *settings, const void *memory,
                                  tl_record_queue_reader *reader);
 

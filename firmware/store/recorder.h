@@ -38,7 +38,7 @@ typedef struct tl_recorder tl_recorder;
 /* Counts of samples, steps and events that were put. The recorder's own events are not included. */
 typedef struct tl_recorder_counts {
     uint64_t written; /* committed */
-    uint64_t lost;    /* dropped because the queue was full, or written to a file that was removed or overwritten */
+    uint64_t lost;    /* the queue was full, or the file with them was removed or overwritten */
     int64_t run;      /* id of this run in the database */
 } tl_recorder_counts;
 

@@ -37,7 +37,7 @@ typedef struct tl_recorder_settings {
     size_t plant_count, match_count, adjust_count;
     size_t component_count;    /* number of components with counts */
     const tl_account *account; /* of the twin; only tl_recorder_open() reads it */
-    tl_time patience;          /* of recorder.h: longest wait of a close or a put if writing fails, ns; 0: 2 s */
+    tl_time patience;          /* longest wait of recorder.h if writing fails, ns; 0: 2 s */
 } tl_recorder_settings;
 
 /* Signal names that are made from a configuration. */
@@ -59,7 +59,7 @@ typedef struct tl_recorder_span {
     double ticks_s, minutes_s, hours_s;
 } tl_recorder_span;
 
-/* Estimates it for a configuration with record_max_bytes > 0. */
+/* Estimates the span. The configuration must have a bound, record_max_bytes > 0. */
 tl_recorder_span tl_recorder_settings_span(const tl_config *config);
 
 typedef struct tl_recorder_database tl_recorder_database;
@@ -95,7 +95,8 @@ int tl_recorder_database_has(tl_recorder_database *database, int64_t run, const 
  * reader prevents writing the log back, and the batch would exceed max_bytes. */
 int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size_t bytes);
 
-/* Returns by how many ms the last begin has moved instants; 0: not, or it was the first begin. */
+/* Returns by how many ms the last begin has moved instants; 0: not at all, or on the first begin.
+ */
 int64_t tl_recorder_database_moved(const tl_recorder_database *database);
 
 /* Writes the present UTC, which jumps only when a begin moves instants. Call it after a begin. */
@@ -129,11 +130,12 @@ int tl_recorder_database_checkpoint(tl_recorder_database *database, int64_t tick
 int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event);
 
 /* Writes the findings, the state of learning, and what was learnt, unless that is larger than a
- * checkpoint may be. A live run writes nothing if a user has removed it, until `is_new` is set. */
+ * checkpoint may be. If a user has removed what was learnt, a live run writes nothing until
+ * `is_new` is set. */
 int tl_recorder_database_changes(tl_recorder_database *database, const tl_run_changes *changes);
 
 /* Reads what was learnt, and the largest number of a finding (0: none); outside of a batch. The
- * caller frees *bytes. *bytes is NULL if there is nothing, or, if *size is not 0, damaged bytes. */
+ * caller frees *bytes. NULL: nothing is stored, or, if *size is not 0, it is damaged. */
 int tl_recorder_database_learned(tl_recorder_database *database, unsigned char **bytes, size_t *size,
                                  uint32_t *last_finding);
 
@@ -143,8 +145,7 @@ int tl_recorder_database_is_removed(tl_recorder_database *database, bool *is_rem
 /* Finds the next finding after `number` whose state is "normal"; *next 0: there is none. */
 int tl_recorder_database_next_normal(tl_recorder_database *database, uint32_t number, uint32_t *next);
 
-/* Commits the batch. `reason`: of the run's end, or NULL. After a failure the caller must roll
- * back. */
+/* Commits the batch. `reason`: why the run ends, or NULL. After a failure call rollback(). */
 int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorder_totals *totals, const char *reason);
 void tl_recorder_database_rollback(tl_recorder_database *database);
 

@@ -82,7 +82,7 @@ typedef enum tl_recorder_kind {
 /* Beginning of a run. */
 typedef struct tl_record_queue_start {
     bool holds;                /* safe hold: samples and events only */
-    tl_resumption resumption;  /* its `start` and `started` are always valid; `run` < 0: the queue's previous run */
+    tl_resumption resumption;  /* `start` and `started` are always valid; `run` < 0: the queue's previous run */
     tl_account account;        /* of the twin; undefined if `holds` */
     char fmus[TL_SHA256_TEXT]; /* tl_record_queue_name_fmus(); "": unknown */
     tl_run_tuning configured;  /* tl_record_queue_name_configuration(); hash "": unknown */

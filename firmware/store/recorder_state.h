@@ -21,8 +21,7 @@
 #include "firmware/store/recorder_database.h"
 #include "master/base/simtime.h"
 
-/* Most queues of a writer, and most waiting own events, which are those of the recorder's process.
- */
+/* Limits: queues of a writer; waiting own events, which report on the recorder itself. */
 enum { TL_WRITER_QUEUES = 8, TL_WRITER_OWN_EVENTS = 8 };
 
 /* Progress of the writer after a commit. */

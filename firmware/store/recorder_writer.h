@@ -11,8 +11,8 @@
  *          run ends with the reason `hand_over`, and this writer reads nothing after that END. When
  *          all entries before it are written (tl_recorder_writer_has_drained()), the caller closes
  *          this writer and opens one for the other ring, with the same state. If `goes_on` returns
- *          true, no other ring follows, and the writer continues with this ring. All writers
- *          must list the queues in the same order, because the state has one element for each.
+ *          true, no other ring follows, and the writer continues with this ring. All writers must
+ *          list the queues in the same order, because the state has one element for each.
  * Once:    each entry and event is written exactly once, even if the process is killed at any
  *          instant. The successor continues from tl_recorder_writer_state (recorder_state.h), in
  *          memory that outlives the process, and writes into the same row of the run.
@@ -63,7 +63,7 @@ typedef struct tl_recorder_writer_settings {
     size_t queue_count;
     size_t ring;                    /* index of the queue whose ring is read; of the others only events are */
     const char *hand_over;          /* reason of an END before a handover, see Rings; NULL: no handover */
-    bool (*goes_on)(void *context); /* see Rings; called in the writer's thread; may be NULL without `hand_over` */
+    bool (*goes_on)(void *context); /* see Rings; in the writer's thread; NULL only without `hand_over` */
     /* Called with each entry of the ring once, before it is written, and first with the start of
      * the present run. Also called while the database cannot be written. NULL: no observer. */
     void (*observe)(void *context, const tl_recorder_entry *entry);

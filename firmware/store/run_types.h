@@ -98,7 +98,7 @@ typedef struct tl_run_finding {
     int64_t number;             /* 1, 2, … in a database */
     const char *kind;           /* "step", "drift", "freeze", "limit" */
     const char *subject;        /* "correction", "output", "signal" */
-    const char *variable;       /* the adjusted variable; of an output or a signal the plant signal, without "plant." */
+    const char *variable;       /* adjusted variable; else the plant signal, without "plant." */
     const char *says;           /* the user's words for the variable; "": none */
     const char *unit;           /* "": none */
     double onset, onset_spread; /* when the change began, and half the width of its range */
