@@ -3,10 +3,10 @@
  * Purpose: measures what horizon_choice.h compares. Each trial is a replay in a separate process.
  *          Its configuration has the proposed settings, one T_P, and released twins. The duration R
  *          of a release is the same in all trials: an eighth of the replayed time.
- * Order:   T_P = T_D first, then 2, 5, 10, 20, 50 … steps and the configured T_P. The trials end
- *          before a T_P if the last trial failed, took more than TL_HORIZON_LONGEST or exceeded the
- *          time budget of a step, or if the replayed time is below TL_HORIZON_PARTS · T_P. The
- *          chosen T_P is tried again with the other value of "free_twin".
+ * Order:   T_P = T_D first, then 2, 5, 10, 20, 50 … steps and the configured T_P. The trials end if
+ *          the last one failed, took more than TL_HORIZON_LONGEST, or exceeded the time budget of a
+ *          step. They also end if the replayed time is below TL_HORIZON_PARTS times the next T_P.
+ *          The chosen T_P is tried again with the other value of "free_twin".
  * Not for: an event horizon, a configuration that adjusts nothing, or a twin without released twins
  *          (tl_released_state).
  * Thread:  one, as for twin_child.h.

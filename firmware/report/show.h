@@ -38,7 +38,7 @@ typedef enum tl_show_csv_table {
     TL_SHOW_SAMPLES,
     TL_SHOW_EVENTS,
     TL_SHOW_MINUTES, /* as tl_history_periods(): of all live runs, or of this replay */
-    TL_SHOW_HOURS    /* likewise */
+    TL_SHOW_HOURS    /* as TL_SHOW_MINUTES */
 } tl_show_csv_table;
 
 /* Prints the text for a terminal. */

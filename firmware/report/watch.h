@@ -1,9 +1,9 @@
 /* Watch: turns samples and records into events for the operator.
  *
- * Purpose: reports changes, not states, so that a fault that lasts an hour gives two events.
- *          Examples: a signal became bad or good, the twin runs free, the lock state changed, a
- *          variable is not identifiable, the fallback solver was used, a stroke changed u (event
- *          horizon), ticks were missed.
+ * Purpose: reports changes, not states, so that a fault that lasts an hour gives two events. Plant:
+ *          a signal became bad or good, ticks were missed. Lock: the state changed, the twin runs
+ *          free. Search: a variable is not identifiable, the fallback solver was used, a stroke
+ *          changed u (event horizon).
  * Repeats: after a warning or error about the lock or the search, repeats of the same cause are
  *          notices during a pause: 1 h of plant time. The next warning states their number. If it
  *          comes within twice the pause, the pause doubles, up to 24 h; after an error it does not.

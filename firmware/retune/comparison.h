@@ -51,9 +51,9 @@ uint64_t tl_forecast_memory_left(void);
  *          root mean squares over at least TL_COMPARISON_PAIRS pairs. The candidate's own tolerance
  *          does not count, because with a wide tolerance a twin far from the plant is in lock.
  *          Noise of the plant affects both twins alike, and is below the tolerance.
- *          The shadow is also worse if, by the tolerances of the version before, its share of steps
- *          in lock is below the required one, and below that of the run's twin. The client may
- *          activate a worse candidate (TL_CONTROL_ACCEPT_WORSE).
+ *          The lock is also evaluated by the tolerances of the version before. The shadow is worse
+ *          if its share of steps in lock is then below the required one, and below that of the
+ *          run's twin. The client may activate a worse candidate (TL_CONTROL_ACCEPT_WORSE).
  * Deadlines: missed deadlines of the shadow are only reported, because it has no real-time priority
  *            yet.
  * Failure: if the run's twin failed and restarted meanwhile, the result is TL_COMPARISON_BAD.

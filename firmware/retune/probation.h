@@ -11,10 +11,10 @@
  *            steps, because a restart skips all ticks of its gap;
  *          - the lock is lost for 2 s (TL_PROBATION_LOST) without interruption. A loss in the first
  *            10 s (TL_PROBATION_GRACE) does not count; in a probation under 20 s, a loss in the
- *            first half. After a resume, a loss in the next 10 s, or in the first half of the
- *            remaining time, does not count either, because the twin may have just started;
+ *            first half. The same holds after a resume, for 10 s or half of the remaining time,
+ *            because the twin may have just started;
  *          - by the tolerances of the previous version, the lock is lost for 2 s in the same way,
- *            and the version does not need a confirmation;
+ *            and the new version needs no confirmation;
  *          - the plant's sources could not be opened for 10 s (TL_PROBATION_SHUT) without
  *            interruption.
  * Lock:    steps do not count for the lock while the plant's sources are not open.

@@ -19,8 +19,8 @@
 
 /* ---- Versions of a plant's configuration, and the number of the active one, in STATE/versions/.
  *
- * Purpose: saves each configuration that became active, with user, time, reason and result, and
- *          each changed configuration file, even if it is refused at the start of a run. Any saved
+ * Purpose: saves each configuration that became active, with user, time, reason and result. Also
+ *          saves each changed configuration file, even if the start of a run refuses it. Any saved
  *          version can become active again. A refused request of a client is only in the list of
  *          refused changes (below).
  * Files:   HASH.json: a text, byte for byte, named by its SHA-256. NUMBER.record.json: the record
@@ -119,10 +119,10 @@ const tl_version *tl_versions_active(const tl_versions *versions);
 /* Returns the newest version with this hash, or NULL. */
 const tl_version *tl_versions_of_hash(const tl_versions *versions, const char *hash);
 
-/* Returns the newest commissioned version, or NULL. A version is commissioned if it was kept, or
- * activated without a probation, and if it was sent on the box (without a right) or needed the
- * right `commission`. With the right `retune`, a tolerance may be widened only within limits
- * relative to this version (worker.h). */
+/* Returns the newest commissioned version, or NULL. A commissioned version was kept, or activated
+ * without a probation. It was also sent on the box without `--right`, or needed the right
+ * `commission`. With the right `retune`, a tolerance may be widened only within limits relative to
+ * this version (worker.h). */
 const tl_version *tl_versions_commissioned(const tl_versions *versions);
 
 /* Reads the text of a version, with a final NUL; the caller calls free(). Checks its hash and size.

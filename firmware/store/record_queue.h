@@ -53,8 +53,8 @@ void tl_recorder_event_fill(tl_recorder_event_entry *entry, int64_t tick, tl_sev
  * Death:   the memory may outlive the producer. A successor continues in it. Published entries
  *          remain. If an entry that the reader has not taken is invalid, the successor removes this
  *          entry and all later ones. The successor can also read taken entries: they stay in the
- *          ring until new entries need their bytes. The ring has room for 30 s of new entries and
- *          for the entries since the older of the two checkpoints, but at most 16 MiB.
+ *          ring until new entries need their bytes. The ring has room for 30 s of new entries, and
+ *          for those since the older checkpoint; at most 16 MiB.
  * New:     zeroed memory may replace a record queue of which the reader has taken all entries.
  *          Positions and numbers continue, because the reader's progress never decreases.
  * Ticks:   a sample waits for its step. The producer publishes it with the step, or with the next

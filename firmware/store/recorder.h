@@ -1,7 +1,7 @@
 /* Recorder of a replay, in the same process: writes the samples, steps, tunings and events of a run
  * into an SQLite database. A live run has a recorder process instead (recorder_writer.h).
  *
- * Purpose: a record queue (record_queue.h) in the memory of the process, and a thread that runs the
+ * Purpose: has a record queue (record_queue.h) in the memory of the process. A thread runs the
  *          writer (recorder_writer.h) every settings.commit, or earlier if the queue is half full.
  *          Tables: docs/reference/database.md.
  * Loss:    committed data survives a power cut (SQLite's synchronous=FULL). A power cut or a kill
@@ -10,8 +10,8 @@
  *          ticks of all runs are removed. Summaries of minutes and hours remain (periods.h).
  * Faults:  a full disk or a locked database is reported once, in the log and as an event. Entries
  *          wait in the record queue, which has room for 30 s of steps, at most 16 MiB. If it is
- *          full, a put waits for room. If writing has failed for settings.patience (default 2 s),
- *          a put without room loses its entry. Writing is retried every `commit` interval. Success
+ *          full, a put waits for room. If writing has failed for settings.patience (default 2 s), a
+ *          put without room loses its entry. Writing is retried every `commit` interval. Success
  *          and the number of lost entries are events too. A damaged, removed or moved file is
  *          replaced by a new one.
  * Writers: one per database, enforced by a lock file; any number of readers.

@@ -90,9 +90,9 @@ int tl_recorder_database_has(tl_recorder_database *database, int64_t run, const 
 /* ---- a batch, of one run ---- */
 
 /* Removes old data until a batch of `bytes` has room, then begins the transaction. `run`: id of its
- * row; 0: the batch begins a run. If the system clock was set by half a second or more, the
- * recorded instants of all runs of this boot are moved by the same time. Returns SQLITE_BUSY if a
- * reader prevents writing the log back, and the batch would exceed max_bytes. */
+ * row; 0: the batch begins a run. If the system clock was set by 0.5 s or more, moves the recorded
+ * instants of all runs of this boot likewise. Returns SQLITE_BUSY if a reader prevents writing the
+ * log back, and the batch would exceed max_bytes. */
 int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size_t bytes);
 
 /* Returns by how many ms the last begin has moved instants; 0: not at all, or on the first begin.
@@ -123,8 +123,8 @@ int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder
 /* The same for a tuning; the caller has checked the range of its tick. */
 int tl_recorder_database_tuning(tl_recorder_database *database, const tl_run_tuning *tuning, bool *impossible);
 
-/* Write a checkpoint or an event. A checkpoint is skipped, and SQLITE_OK returned, if its tick is
- * out of range or it is larger than 4 MiB or a sixteenth of max_bytes. */
+/* Write a checkpoint or an event. A checkpoint is skipped (SQLITE_OK) if its tick is out of range,
+ * or if it is larger than 4 MiB or a sixteenth of max_bytes. */
 int tl_recorder_database_checkpoint(tl_recorder_database *database, int64_t tick, const unsigned char *bytes,
                                     size_t size);
 int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event);

@@ -60,8 +60,8 @@ void tl_recorder_file_report_event(tl_recorder_file *file, tl_severity severity,
 void tl_recorder_file_keep_reason(tl_recorder_file *file, int code);
 
 /* Opens the file of the previous writer, or the requested file, or a replacement. *report: which
- * one and why, for tl_recorder_file_report_fate(). A failure sets file->failure, and *waits to true
- * if a retry may succeed. */
+ * file, and why, for tl_recorder_file_report_fate(). A failure sets file->failure, and *waits to
+ * true if a retry may succeed. */
 tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_policy open_policy, tl_database_report *report,
                                 bool *waits);
 
