@@ -15,47 +15,47 @@
 #include "firmware/twin/read_back.h"
 #include "firmware/twin/twin_trial.h"
 
-/* ---- Prognosis: forecast of the cost of a step, before anything runs.
+/* ---- Prognosis: forecast of the cost of a step.
  *
  * Purpose: predicts the executions from the graph (eq. 4.5, 4.13), and the time from the cost of
- *          one execution of each FMU. A dry run measures that cost on this machine: free steps with
+ *          one execution of each FMU. A dry run measures this cost on this machine: free steps with
  *          the plant's initial values. Not included: the time of the solver, and the executions
  *          that "keep": "outputs" needs to catch up from an older state.
  * Thread:  one thread. The twin must not have started, and cannot be used for a run afterwards.
  */
 
 typedef struct tl_prognosis {
-    /* executions of all components together */
+    /* Executions of all components together: */
     uint64_t step;  /* of a free step */
     uint64_t plain; /* of an evaluation that reuses no earlier result: K·T_P */
     uint64_t first; /* of a step's first evaluation, at most */
     uint64_t next;  /* of each later evaluation, at most */
-    uint64_t worst; /* of a step that uses all its evaluations, including the committing step */
+    uint64_t worst; /* of a step that uses all its evaluations, including the committed step */
 
-    /* times in ns on this machine; 0: not known */
-    size_t steps;                         /* of the dry run */
-    tl_error error;                       /* of a failure in the dry run; only next_tick is then valid too */
-    uint64_t bad_outputs;                 /* the first outputs that were not finite, as in a record */
-    int64_t bad_step;                     /* and their step */
+    /* Results of the dry run; times in ns on this machine, 0: unknown. */
+    size_t steps;                         /* number of measured steps */
+    tl_error error;                       /* failure of the dry run; then only next_tick is valid here */
+    uint64_t bad_outputs;                 /* bits of the first outputs that were not finite, as in a record */
+    int64_t bad_step;                     /* step of bad_outputs */
     int64_t next_tick;                    /* first tick after the dry run; after a failure: after the failed tick */
     tl_time step_time;                    /* of a free step */
     tl_time cost[TL_RECORDER_COMPONENTS]; /* of one execution of each component, including saving its state */
-    tl_time worst_time;                   /* of `worst`; INT64_MAX: at least that much */
+    tl_time worst_time;                   /* of `worst`; INT64_MAX: too large for tl_time */
     uint32_t fitting;                     /* evaluations that fit into the time budget in the worst case */
 } tl_prognosis;
 
-/* Executes `ticks` ticks of the dry run, from tick 0, and measures nothing. Afterwards `sample` is
+/* Executes `ticks` ticks as the dry run does, from tick 0, but measures nothing. Sets `sample` to
  * that of the next tick. Errors: those of tl_twin_step(). */
 tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_sample *sample, tl_error *error);
 
-/* Counts the executions, and executes the dry run: 1600 steps, or fewer if they take 1 s. Reports a
- * failure of the dry run in `prognosis`. */
+/* Counts the executions, and executes the dry run: 1600 steps, or fewer if they take 1 s or the
+ * stop time is near. Sets prognosis->error if the dry run fails. */
 void tl_prognosis_make(const tl_assembly *assembly, tl_prognosis *prognosis);
 
 /* ---- Advice: settings that are valid but may not be intended.
  *
- * Purpose: the warnings of `check`. None of them is an error: each such setting is defined and
- *          works.
+ * Purpose: the warnings of `check`. None of them is an error: each such setting is valid and has a
+ *          defined effect.
  * Thread:  one thread.
  */
 

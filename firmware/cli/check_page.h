@@ -9,10 +9,11 @@
 
 #include "firmware/twin/twin_role.h"
 
-/* Prints to `page` what the job asks for. `status`: result of building the assembly. If it is not
- * TL_OK, logs the number of problems if it is above 1, prints at most the list of variables, and
- * returns `status`. `host` as in tl_read_back_run(). Sets *found to the results, for example the
- * number of warnings. */
+/* Prints the page that the job requests, and sets *found to its results, for example the number of
+ * warnings. If job->states_only, prints nothing and only sets found->why. `status`: result of
+ * building the assembly. If it is not TL_OK, logs the number of problems if above 1, prints at most
+ * the list of variables, and returns `status`. Otherwise returns the error of the dry run
+ * (advice.h). `host`: as in tl_read_back_run(). */
 tl_status tl_check_page_print(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
                               const tl_read_back_host *host, FILE *page, tl_twin_check *found);
 

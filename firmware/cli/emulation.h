@@ -13,7 +13,7 @@
 #include "firmware/twin/twin_child.h"
 #include "master/base/status.h"
 
-/* ---- Seeded noise: the same numbers on every machine.
+/* ---- Random numbers for noise: with the same seed the same numbers on every machine.
  *
  * Purpose: measurement noise and message times of an emulated plant. C's rand() is not used,
  *          because its numbers depend on the C library.
@@ -21,7 +21,7 @@
  * Thread:  one thread per generator.
  */
 
-/* State of a generator. Any value is a valid seed. */
+/* Generator. Its state is the seed at first; any value is valid. */
 typedef struct tl_noise {
     uint64_t state;
 } tl_noise;
@@ -35,10 +35,11 @@ double tl_noise_normal(tl_noise *noise);
 /* ---- Emulated plant: rows of values over time, read from a recording or simulated by FMUs.
  *
  * Purpose: supplies the rows that `twinlock plant` serves. With FMUs, the configuration's
- *          co-simulation runs without corrections. Rows come at random message times; each has the
- *          columns of `emulate`, with seeded noise added.
- * Time:    the first row has time 0. With FMUs, a row has the values of the newest step at or
- *          before its time.
+ *          co-simulation runs without corrections. Each row has the columns of `emulate`, with
+ *          noise added.
+ * Time:    the first row has time 0. Rows of a recording have its times. With FMUs, rows come at
+ *          random message times, or every T_S if `emulate` defines none. A row has the values of
+ *          the newest step at or before its time.
  * Thread:  one thread.
  */
 
@@ -47,18 +48,18 @@ typedef struct tl_emulation tl_emulation;
 typedef struct tl_emulation_row {
     tl_time time;                  /* ns since the first row */
     double values[TL_MAX_SIGNALS]; /* by column, in the column's unit */
-    bool present[TL_MAX_SIGNALS];  /* false: the recording's cell is empty or no number */
+    bool present[TL_MAX_SIGNALS];  /* by column; false: the recording's cell is empty or no number */
 } tl_emulation_row;
 
 /* Opens the rows of a CSV recording, with one column per signal of `config`, which must outlive the
- * emulation. Errors: those of tl_csv_open(). */
+ * emulation. Errors: those of tl_csv_open(); TL_TRY_AGAIN if memory is out. */
 tl_status tl_emulation_open_recording(const char *path, const tl_config *config, tl_emulation **emulation,
                                       tl_error *error);
 
 /* Opens the rows that a built twin simulates in place of the plant. `model`: set its config (with
  * `emulate`), account and child; these must outlive the emulation. `driving`: path of the recording
  * that supplies the inputs. `seed`: of noise and message times. Errors: those of
- * tl_recording_open() and tl_twin_feed_open(). */
+ * tl_recording_open() and tl_twin_feed_open(); TL_TRY_AGAIN if memory is out. */
 tl_status tl_emulation_open_model(const tl_twin_feed_settings *model, const char *driving, uint64_t seed,
                                   tl_emulation **emulation, tl_error *error);
 

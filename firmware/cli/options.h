@@ -32,21 +32,22 @@ typedef enum tl_verb {
     TL_VERB_COUNT
 } tl_verb;
 
-/* Value of --since. */
+/* Value of --since: a date, a time before the end of the run, or (`explain`) since its start. */
 typedef struct tl_options_since {
     const char *text; /* as given; NULL: not given */
-    bool is_date;
-    bool is_time;  /* only of `explain`: `back_s` counts from the start of the run */
-    int64_t at;    /* if is_date: ms since 1970, UTC */
-    double back_s; /* if not: s before the end of the run, ≥ 0 */
+    bool is_date;     /* `at` is valid */
+    bool is_time;     /* only of `explain`: `back_s` counts from the start of the run */
+    int64_t at;       /* if is_date: ms since 1970 UTC */
+    double back_s;    /* if not: s before the end, or if is_time since the start, of the run; ≥ 0 */
 } tl_options_since;
 
-enum { TL_OPTIONS_NO_TABLE = -1 };
+enum { TL_OPTIONS_NO_TABLE = -1 }; /* tl_options.table: not given */
 
-/* Parsed options; each member has the name of its option unless the comment names another. Options
- * that were not given are NULL, 0 or false, or have the default stated here. */
+/* Parsed options. Each member has the name of its option, unless the comment names another; the
+ * table in options.c has the help. Options that were not given are NULL, 0 or false, or have the
+ * default stated here. */
 typedef struct tl_options {
-    const char *subject; /* the only argument that is no option: a configuration; for `show` a database */
+    const char *subject; /* path of a configuration or, by verb, of a database; the only argument */
     bool variables;
     double call_limit_s;       /* longest call of an FMU, s; default 60 */
     uint64_t memory_limit_mib; /* of the FMU process, MiB; 0: half of the machine's memory, at most 4096 MiB */
@@ -61,7 +62,7 @@ typedef struct tl_options {
     bool realtime;
     bool plain;
     double duration_s;   /* s; 0: as configured */
-    double require_lock; /* least share of the steps in lock, percent; 0: one step in lock is enough */
+    double require_lock; /* least share of the steps in lock, percent; 0: as tl_summary_require_lock() */
     bool status;
     bool follow;
     bool supervise;
@@ -88,14 +89,14 @@ typedef struct tl_options {
     bool versions;
     bool show;            /* --state of reload */
     uint64_t acknowledge; /* number of a finding, ≥ 1; 0: not given */
-    uint64_t normal;      /* likewise */
+    uint64_t normal;      /* number of a finding, ≥ 1; 0: not given */
     const char *note;
-    uint64_t finding;   /* number, ≥ 1; 0: not given */
+    uint64_t finding;   /* number of a finding, ≥ 1; 0: not given */
     const char *beside; /* --config: path of a configuration */
     bool foresee;
     bool save; /* stores the explanation with the finding */
     const char *why;
-    uint32_t right;     /* --right: a tl_change_right; default TL_RIGHT_BOX: all rights of the box */
+    uint32_t right;     /* a tl_change_right; default TL_RIGHT_BOX: every right */
     double shadow_s;    /* whole s; 0: not given, so 60 s */
     double probation_s; /* whole s; 0: not given, so 300 s */
     double keep_lock;   /* --require-lock of reload: percent; 0: not given, so 95 % */
@@ -112,8 +113,8 @@ typedef struct tl_options {
 extern const tl_verb_row tl_verb_rows[TL_VERB_COUNT];
 extern const tl_option_table tl_verb_table;
 
-/* Sets the defaults and parses the arguments after the verb; the first of them is argv[1]. See
- * tl_program_options_read(). */
+/* Sets the defaults and parses the arguments after the verb, which begin at argv[1]. Returns the
+ * outcome of tl_program_options_read(); the options are valid if it is TL_OPTIONS_READ. */
 tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_options *options);
 
 /* The verbs. Each one runs with parsed and checked options and returns the exit code of the
@@ -129,8 +130,8 @@ int tl_verb_run(const tl_options *options);
 int tl_verb_show(const tl_options *options);
 
 /* Sets `path` to the path of the recording: that of --recording, else that of the configuration.
- * Does not check if the file can be opened. Errors: TL_BAD_USAGE if both are missing. TL_BAD_DATA
- * if the file does not exist, but another one whose name differs only in upper and lower case. */
+ * Does not check if the file can be opened. Errors: TL_BAD_USAGE if neither names a recording;
+ * TL_BAD_DATA if there is only a file whose name differs in upper and lower case. */
 tl_status tl_options_find_recording(const tl_options *options, const tl_config *config, char path[PATH_MAX],
                                     tl_error *error);
 

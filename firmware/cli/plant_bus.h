@@ -1,8 +1,7 @@
-/* Emulated plant on a CAN bus: sends frames with the values of signals.
+/* Emulated plant on a CAN bus: sends frames with the values of its signals (channels).
  *
  * Purpose: `twinlock plant` sends the frames that a live CAN source reads. The driver
- *          (board/can/can.h) cannot send. Both use the same codec, which is tested against
- *          cantools.
+ *          (board/can/can.h) cannot send. Both use the same codec, tested against cantools.
  * Frames:  one frame per id, and one per state of the multiplexors that a signal requires. A signal
  *          can be in several frames. A row sends a frame if two conditions are true: the row has a
  *          new value for a signal of the frame, and each signal of the frame has had a value. Bits
@@ -24,12 +23,13 @@
 #include "master/base/status.h"
 
 typedef struct tl_plant_bus_settings {
-    const char *interface;
-    bool real; /* permits an interface with hardware */
+    const char *interface; /* name, for example "vcan0" */
+    bool real;             /* permits an interface with hardware */
     const tl_can_channel *channels;
     size_t channel_count; /* at most TL_MAX_SIGNALS */
 } tl_plant_bus_settings;
 
+/* Numbers of frames. */
 typedef struct tl_plant_bus_counts {
     uint64_t sent;
     uint64_t dropped;
@@ -42,7 +42,7 @@ typedef struct tl_plant_bus_frame {
     bool fd;       /* CAN FD */
     uint8_t bytes; /* length of the payload */
     uint8_t data[TL_CAN_BYTES];
-    bool members[TL_MAX_SIGNALS]; /* channels in this frame */
+    bool members[TL_MAX_SIGNALS]; /* by channel: its signal is in this frame */
 } tl_plant_bus_frame;
 
 typedef struct tl_plant_bus tl_plant_bus;
@@ -56,8 +56,8 @@ size_t tl_plant_bus_plan(const tl_can_channel *channels, size_t count, tl_plant_
  * frame needs it, or if a resource is missing. */
 tl_status tl_plant_bus_open(const tl_plant_bus_settings *settings, tl_plant_bus **bus, tl_error *error);
 
-/* Sends the frames of one row. `values`: one per channel. `present` marks the channels with a new
- * value and must not be NULL. Frames that are not sent are only counted. */
+/* Sends the frames of one row. `values`: one per channel, in its unit. `present` marks the channels
+ * with a new value and must not be NULL. Frames that cannot be sent are only counted. */
 void tl_plant_bus_row(tl_plant_bus *bus, const double *values, const bool *present);
 
 /* Returns the counts of frames since open(). */

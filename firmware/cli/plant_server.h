@@ -23,7 +23,7 @@
 #include "board/modbus/modbus.h"
 #include "master/base/status.h"
 
-enum { TL_PLANT_SERVER_CLIENTS = 8 };
+enum { TL_PLANT_SERVER_CLIENTS = 8 }; /* most clients at once */
 
 typedef struct tl_plant_server_settings {
     const char *host; /* name or address to listen on, for example "127.0.0.1" or "0.0.0.0" */
@@ -47,14 +47,14 @@ tl_status tl_plant_server_start(const tl_plant_server_settings *settings, tl_pla
 /* Returns the port that the server listens on. */
 uint16_t tl_plant_server_port(const tl_plant_server *server);
 
-/* Sets one value per channel, all at once, encoded as the channel defines. If `present` is not
- * NULL, only the channels marked there are set. */
+/* Sets one value per channel, in the unit of the signal, all at once; each is encoded as the
+ * channel defines. If `present` is not NULL, only the channels marked there are set. */
 void tl_plant_server_set_all(tl_plant_server *server, const double *values, const bool *present);
 
 /* Returns the counts since the start. */
 tl_plant_server_counts tl_plant_server_count(tl_plant_server *server);
 
-/* Closes all connections and ends the thread; returns within 0.2 s. */
+/* Closes all connections, ends the thread and frees the server; returns within 0.2 s. */
 void tl_plant_server_stop(tl_plant_server *server);
 
 #endif

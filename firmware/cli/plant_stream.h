@@ -3,7 +3,7 @@
  * Purpose: `twinlock plant` writes the rows that a live CSV source reads.
  * FIFO:    rows are dropped while there is no reader. Each new reader first gets the header. Limit:
  *          a reader that replaces another one between two rows is not detected and gets no header.
- * File:    must not exist yet, so that no recording is overwritten.
+ * File:    must not exist yet, so that no recording is overwritten. The header is written first.
  * Bound:   a row takes at most 50 ms. If it cannot be written by then, the whole row is dropped and
  *          counted.
  * Thread:  one thread at a time. open() makes the process ignore SIGPIPE.
@@ -19,13 +19,14 @@
 #include "master/base/status.h"
 
 typedef struct tl_plant_stream_settings {
-    const char *path;
-    bool make_fifo; /* if the path does not exist: true creates a FIFO, false a file */
-    const char *time_column;
-    const char *const *columns;
-    size_t column_count; /* at most TL_MAX_SIGNALS */
+    const char *path;           /* of the file or FIFO */
+    bool make_fifo;             /* if the path does not exist: true creates a FIFO, false a file */
+    const char *time_column;    /* name of the column with the time */
+    const char *const *columns; /* names of the other columns */
+    size_t column_count;        /* at most TL_MAX_SIGNALS */
 } tl_plant_stream_settings;
 
+/* Numbers of rows. */
 typedef struct tl_plant_stream_counts {
     uint64_t written;
     uint64_t dropped;

@@ -1,9 +1,9 @@
 /* Envelope of long curves: minimum and maximum of each range of steps, in bounded memory.
  *
  * Purpose: shows a curve of any length on a page of bounded size without losing an extreme value.
- * Method:  a fixed number of buckets of `width` steps each. If a step lies beyond the last bucket,
- *          each pair of neighbours is merged and the width doubles. While the width is 1, the curve
- *          is complete.
+ * Method:  each curve (channel) has a fixed number of buckets of `width` steps. If a step lies
+ *          beyond the last bucket, each pair of neighbours is merged and the width doubles. While
+ *          the width is 1, the curve is complete.
  * Owner:   tl_envelope owns its memory until tl_envelope_free().
  * Thread:  one thread.
  */
@@ -15,14 +15,15 @@
 
 #include "master/base/status.h"
 
+/* The caller may read all fields except the arrays. */
 typedef struct tl_envelope {
-    size_t channels;
-    size_t room;    /* buckets per channel */
-    size_t used;    /* buckets up to the last one with a value or a mark, over all channels */
-    int64_t width;  /* steps per bucket: a power of 2 */
-    int64_t steps;  /* 1 + the largest position so far */
-    double *values; /* minimum and maximum of each bucket, the earlier one first; NaN: no value */
-    uint8_t *marks; /* bits of each bucket */
+    size_t channels; /* number of curves */
+    size_t room;     /* buckets per channel */
+    size_t used;     /* buckets up to the last one with a value or a mark, over all channels */
+    int64_t width;   /* steps per bucket: a power of 2 */
+    int64_t steps;   /* 1 + the largest position so far */
+    double *values;  /* minimum and maximum of each bucket, the earlier one first; NaN: no value */
+    uint8_t *marks;  /* bits of each bucket: tl_envelope_mark() */
 } tl_envelope;
 
 /* Allocates an empty envelope of `channels` curves, with `room` buckets for each: even and > 0.

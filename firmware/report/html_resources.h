@@ -15,7 +15,7 @@ typedef struct tl_html_resource {
     size_t size;
 } tl_html_resource;
 
-extern const tl_html_resource tl_html_frame;         /* page/page.html: a part of the page replaces each {{name}} */
+extern const tl_html_resource tl_html_frame;         /* page/page.html; a part replaces each {{NAME}} */
 extern const tl_html_resource tl_html_style;         /* page/page.css */
 extern const tl_html_resource tl_html_script;        /* page/page.js */
 extern const tl_html_resource tl_html_library;       /* dygraphs, JavaScript */

@@ -5,8 +5,8 @@
  * Bound:   at most TL_JOURNAL_ENTRIES events wait for the log. Further ones are recorded but not
  *          logged; the log gets their number.
  * Memory:  all inside the struct.
- * Thread:  event() from any thread; it never blocks, and uses a compare-and-swap loop among
- *          writers. drain() from one thread.
+ * Thread:  event() from any thread; it never blocks, and retries only if another thread adds an
+ *          event at the same time. drain() from one thread.
  */
 #ifndef TL_FIRMWARE_REPORT_JOURNAL_H
 #define TL_FIRMWARE_REPORT_JOURNAL_H
@@ -18,7 +18,7 @@
 #include "firmware/store/recorder.h"
 #include "master/base/status.h"
 
-enum { TL_JOURNAL_ENTRIES = 256, TL_JOURNAL_TEXT = 224 };
+enum { TL_JOURNAL_ENTRIES = 256, TL_JOURNAL_TEXT = 224 }; /* texts: bytes, longer ones are truncated */
 
 typedef struct tl_journal_entry {
     uint64_t turn; /* n: free for event number n; n + 1: contains event number n */
@@ -28,6 +28,7 @@ typedef struct tl_journal_entry {
     char text[TL_JOURNAL_TEXT];
 } tl_journal_entry;
 
+/* Called with an event, in the thread that reports it. The texts are valid during the call. */
 typedef void tl_journal_listener(void *context, int64_t tick, tl_severity severity, const char *source,
                                  const char *text);
 
@@ -36,9 +37,9 @@ typedef struct tl_journal {
     tl_recorder *recorder;         /* NULL: events are only logged */
     tl_journal_listener *on_event; /* NULL: no listener */
     void *listener;                /* context of on_event */
-    uint64_t head;                 /* next to write */
-    uint64_t tail;                 /* next to read */
-    uint64_t dropped;              /* not logged since the last drain */
+    uint64_t head;                 /* number of the next event to write */
+    uint64_t tail;                 /* number of the next event to read */
+    uint64_t dropped;              /* events that were not logged since the last drain */
     bool apart;                    /* see tl_journal_set_apart() */
     tl_log_repeats repeats;        /* of the thread that drains */
     tl_journal_entry entries[TL_JOURNAL_ENTRIES];
@@ -47,11 +48,11 @@ typedef struct tl_journal {
 /* `recorder` must outlive the journal. NULL: events are only logged. */
 void tl_journal_init(tl_journal *journal, tl_recorder *recorder);
 
-/* From now on `on_event` is called with every event that is not a shadow's, in the thread that
- * reports it. It must be safe to call from any thread. */
+/* Sets the listener, before other threads report events. It is called with every event that is not
+ * a shadow's, and must be safe to call from any thread. */
 void tl_journal_listen(tl_journal *journal, tl_journal_listener *on_event, void *context);
 
-/* Adds an event, as tl_recorder_event(). `tick` is −1 if it belongs to none. */
+/* Adds an event, as tl_recorder_event(), with a text as printf() makes it. `tick` −1: no tick. */
 void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, const char *source, const char *format,
                       ...) TL_PRINTF(5, 6);
 
@@ -63,7 +64,7 @@ bool tl_journal_is_apart(const tl_journal *journal);
 /* Writes the queued events to the log; counts repeated ones (log_repeats.h). */
 void tl_journal_drain(tl_journal *journal);
 
-/* At the end: as tl_journal_drain(), and logs the counts. */
+/* Call it at the end: as tl_journal_drain(), and logs the counts of repeated events. */
 void tl_journal_end(tl_journal *journal);
 
 #endif

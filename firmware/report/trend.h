@@ -16,22 +16,23 @@
 
 enum { TL_TREND_PARTS = 512 };
 
-/* Of Δu in one part; without a value `count` is 0. */
+/* Δu in one part. */
 typedef struct tl_trend_part {
-    int64_t count;
+    int64_t count; /* number of steps; 0: none, and the other fields are 0 */
     double mean;
     double squares; /* of the deviations from the mean; the standard deviation is √(squares / count) */
 } tl_trend_part;
 
+/* About 100 kB. */
 typedef struct tl_trend {
     size_t parts;     /* 0: there is no trend */
-    int64_t from_ms;  /* since 1970 UTC; in a replay since t_start */
-    int64_t width_ms; /* of a part */
+    int64_t from_ms;  /* start of the first part, ms since 1970 UTC; in a replay since t_start */
+    int64_t width_ms; /* length of a part, ms */
     tl_trend_part part[TL_MAX_ADJUST][TL_TREND_PARTS];
 } tl_trend;
 
-/* Reads the trend of the adjusted variables of a run, by name, in all live runs. Of a replay: of
- * this run only. */
+/* Reads the trend of the adjusted variables of a run: from all live runs, by name of the variable.
+ * If `run` is a replay, only from this run. */
 tl_status tl_trend_read(tl_history *history, const tl_history_run *run, tl_trend *trend, tl_error *error);
 
 #endif

@@ -1,10 +1,9 @@
 /* Activation: changes the configuration of a run, from the receipt of the candidate configuration
- *             to the end of its probation.
+ * to the end of its probation.
  *
- * Steps:   rows of a table. A row names the function that begins the step, the function that polls
- *          it, its time limit, and the progress message. One driver executes the rows in their
- *          order, skips rows that a change does not need, enforces the limits and ends a change
- *          that fails.
+ * Steps:   rows of a table in activation.c. A row names the functions that begin and poll the step,
+ *          its time limit, and its messages. The driver executes the rows in their order, skips
+ *          rows that a change does not need, enforces the limits and ends a change that fails.
  * Disk:    a new version becomes active on disk before the run gets it. When the config manager
  *          starts, it compares the active version on disk with that of the run. If they differ, a
  *          change was interrupted, and the run gets the version on disk. The progress of a
@@ -35,30 +34,31 @@
 
 enum { TL_ACTIVATION_WHY = 192, TL_ACTIVATION_LINE = 512 };
 
-/* State of the run. */
+/* State of the run. The host fills it from shared memory. */
 typedef struct tl_activation_view {
     tl_run_status figures;         /* of the run; counts restart at 0 with each run, also after a handover */
     double step_s;                 /* T_S, s */
     bool holds;                    /* safe hold: there is no twin */
-    bool waits;                    /* safe hold because the twin may not start yet; not counted as probation */
+    bool waits;                    /* safe hold until the twin may start; the probation's time stops */
     char line[TL_ACTIVATION_LINE]; /* the status line */
 } tl_activation_view;
 
-/* Writes the members of `state` from `lock` on. */
+/* Writes the members of `state` from `lock` on, from the view. */
 void tl_activation_view_write(const tl_activation_view *view, tl_control_state *state);
 
+/* Result of a tuning or of a handover. */
 typedef enum tl_activation_answer {
     TL_ACTIVATION_WAITS,   /* no result yet: the twin has not answered, or the handover is not finished */
-    TL_ACTIVATION_STARTED, /* the twin uses the tuning (all later twins too), or the new twin has taken over */
+    TL_ACTIVATION_STARTED, /* the twin and its successors use the tuning, or the new twin has taken over */
     TL_ACTIVATION_REFUSED  /* the twin rejected the tuning, or the handover was not possible */
 } tl_activation_answer;
 
-/* A candidate whose twin is to run as a shadow. */
+/* A candidate whose twin is to run as a shadow. The pointers are valid during the call only. */
 typedef struct tl_activation_candidate {
-    const char *text;
-    size_t size;
-    const char *hash;
-    tl_live_needs needs;                  /* resources that its twin may use: as measured by the trial, within limits */
+    const char *text;                     /* of the configuration */
+    size_t size;                          /* bytes of the text */
+    const char *hash;                     /* of the text */
+    tl_live_needs needs;                  /* resources that its twin may use, from the trial */
     const tl_lock_tolerances *tolerances; /* further tolerances by which the shadow evaluates its lock; zeroed: none */
 } tl_activation_candidate;
 
@@ -76,9 +76,10 @@ typedef struct tl_activation_shadow {
     char hash[TL_SHA256_TEXT]; /* of the shadow's configuration; "": unknown */
     char why[TL_ACTIVATION_WHY];
     tl_run_status work;   /* of the shadow */
-    tl_run_status beside; /* of the run's twin, at the same moment */
+    tl_run_status beside; /* of the run's twin */
 } tl_activation_shadow;
 
+/* Functions of the host; each gets `context`. */
 typedef struct tl_activation_host {
     void *context;
 
@@ -136,28 +137,30 @@ typedef struct tl_activation_host {
 
 /* ---- Activation. */
 
-/* Method by which a change is applied to the run. */
+/* How a change is applied to the run. */
 typedef enum tl_activation_method {
     TL_ACTIVATION_IN_PLACE,    /* the running twin changes its tuning */
     TL_ACTIVATION_BY_HANDOVER, /* another twin takes over between two ticks */
-    TL_ACTIVATION_BY_RESTART
+    TL_ACTIVATION_BY_RESTART   /* the run ends, and the next one uses the new version */
 } tl_activation_method;
 
-/* Probation if the request does not specify it: 300 s, in lock for 95 % of the steps. */
+/* Defaults of a probation: duration, s; percent of its steps that must be in lock. */
 enum { TL_ACTIVATION_PROBATION_S = 300, TL_ACTIVATION_LOCK_PERCENT = 95 };
 
-/* Seconds of live samples during which a new twin runs as a shadow: default and maximum. */
+/* Seconds of live samples during which a new twin runs as a shadow: default and maximum. The first
+ * quarter, at most 10 s, is not compared. */
 enum { TL_ACTIVATION_SHADOW_S = 60, TL_ACTIVATION_SHADOW_LONGEST_S = 3600 };
 
+/* All pointers must outlive the activation. */
 typedef struct tl_activation_settings {
     const tl_activation_host *host;
     tl_versions *versions;
     tl_refused_changes *refusals;
     const char *plant;     /* its name, for process titles */
-    const char *path;      /* of its configuration; relative file names are relative to its folder */
+    const char *path;      /* of the configuration file; relative file names in it start at its folder */
     const char *allowed;   /* path of the administrator's list of allowed names (box_texts.h); NULL: there is no list */
-    uint64_t memory_limit; /* as in worker.h */
-    bool unconfined;
+    uint64_t memory_limit; /* bytes for an FMU process; 0: the default */
+    bool unconfined;       /* FMUs run without a sandbox */
     int (*run_role)(const char *title, void *context); /* as in worker.h */
 
     /* Sends a reply to the client that asked for the change; the client may have disconnected.
@@ -168,22 +171,23 @@ typedef struct tl_activation_settings {
 
 /* The shadow of a candidate. Fields are private. */
 typedef struct tl_rehearsal {
-    bool is_begun;    /* the host has the order */
-    bool has_run;     /* it has executed steps */
-    bool is_compared; /* the comparison has begun */
-    tl_time live;
+    bool is_begun;          /* the host has the order */
+    bool has_run;           /* it has executed steps */
+    bool is_compared;       /* the comparison has begun */
+    tl_time live;           /* since the shadow steps at the plant's ticks, ns */
     tl_run_status recorded; /* newest state of the shadow over recorded samples */
     tl_comparison comparison;
 } tl_rehearsal;
 
-/* Why the run changes. */
+/* Cause of a change. */
 typedef enum tl_activation_cause {
     TL_ACTIVATION_CANDIDATE, /* a client sent a candidate */
     TL_ACTIVATION_RETURN,    /* rollback from the version on probation to the one before */
     TL_ACTIVATION_SETTLES    /* completes an interrupted change: the run gets the version that is active on disk */
 } tl_activation_cause;
 
-/* The steps, in their order. Clients see several of them as one step (tl_control_step). Private. */
+/* The rows of the table, in their order. Clients see some of them as one step (tl_control_step).
+ * Private. */
 typedef enum tl_activation_row {
     TL_ACTIVATION_ROW_IDLE,
     TL_ACTIVATION_ROW_AUTHORISE,
@@ -201,23 +205,23 @@ typedef enum tl_activation_row {
     TL_ACTIVATION_ROWS
 } tl_activation_row;
 
-/* Fields are private. */
+/* Fields are private, except that the config manager reads `settings` and `step`. */
 typedef struct tl_activation {
     tl_activation_settings settings;
     tl_activation_row row;
     tl_control_step step; /* of `row`, as clients see it */
     tl_activation_method way;
     tl_activation_cause cause;
-    bool is_wanted;      /* a client requested this rollback */
+    bool is_wanted;      /* a client requested the rollback */
     bool has_other_fmus; /* the text is the active one, but an FMU's file differs from the loaded one */
     bool is_measured;    /* the trial has answered */
     tl_control_request request;
-    char *text; /* the candidate's, with a final NUL; NULL: none */
-    size_t size;
+    char *text;                  /* the candidate's, with a final NUL; NULL: none */
+    size_t size;                 /* bytes of `text` */
     char reason[TL_VERSION_WHY]; /* of a rollback */
     tl_worker worker;
-    tl_verdict verdict;
-    tl_trial_answer answer;
+    tl_verdict verdict;     /* of the validator */
+    tl_trial_answer answer; /* of the trial; valid if is_measured */
     char first_error
         [TL_CONTROL_TEXT]; /* the trial's first error, except problems of the configuration's text; "": none */
     uint32_t problems;     /* number of problems of the configuration's text that the trial logged */
@@ -233,7 +237,7 @@ typedef struct tl_activation {
     tl_time polled_at; /* CLOCK_MONOTONIC: time of the previous poll */
 } tl_activation;
 
-/* Starts with the state on disk: resumes a probation and completes an unfinished change. */
+/* Starts from the state on disk: resumes a probation and completes an interrupted change. */
 void tl_activation_begin(tl_activation *activation, const tl_activation_settings *settings);
 
 /* True if no change is in progress and no version is on probation. */
@@ -242,33 +246,34 @@ bool tl_activation_is_idle(const tl_activation *activation);
 /* True during a step in which no other change can begin. */
 bool tl_activation_is_busy(const tl_activation *activation);
 
-/* Seconds that remain of the probation; 0: none. */
+/* Returns the seconds that remain of the probation, rounded up; 0: no probation. */
 uint32_t tl_activation_remaining_s(const tl_activation *activation);
 
-/* Begins a change to a candidate: `size` bytes of `text`, which are copied. Every result is sent to
- * the client. The activation must not be busy. */
+/* Begins a change to a candidate: `size` bytes of `text`, which are copied. Progress and result are
+ * sent by settings.reply. The activation must not be busy. */
 void tl_activation_start(tl_activation *activation, const tl_control_request *request, const char *text, size_t size);
 
-/* Cancels a candidate that is not active yet. Returns false if there is none. */
+/* Cancels a candidate that is not active yet; its client gets TL_CONTROL_CANCELLED. `who`: name of
+ * the user. Returns false if there is none, or if it is being activated. */
 bool tl_activation_cancel(tl_activation *activation, const char *who);
 
-/* True if the twin is not in lock by the tolerances of the previous version, to which the probation
- * can roll back. Only a client with the right to commission may then confirm the new version. */
+/* True if, on probation, the lock is lost by the tolerances of the version that a rollback would
+ * restore. Then only a client with the right to commission may confirm the new version. */
 bool tl_activation_was_lost_before(const tl_activation *activation);
 
-/* Keeps the version on probation. Returns false if there is none. *is_done: the decision is saved
- * on disk. */
+/* Keeps the version on probation. Returns false if there is none, or if another one is being
+ * activated. Otherwise *is_done: true if the decision is saved on disk. */
 bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_done);
 
-/* Rolls back the version on probation; only during the step TL_CONTROL_PROBATION. Sends the result
- * to the client. */
+/* Begins to roll back the version on probation; only during the step TL_CONTROL_PROBATION. The
+ * result is sent by settings.reply. */
 void tl_activation_roll_back(tl_activation *activation, const char *who);
 
 /* Polls the current step and begins the next one. May be called at any rate. */
 void tl_activation_poll(tl_activation *activation);
 
-/* Saves a probation and ends the current worker. The next config manager continues from the state
- * on disk. */
+/* Ends the current worker and frees the candidate. Saves the probation, unless a change is in
+ * progress. The next config manager continues from the state on disk. */
 void tl_activation_end(tl_activation *activation);
 
 #endif

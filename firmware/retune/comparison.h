@@ -18,15 +18,15 @@
 
 enum { TL_FORECAST_TEXT = 192 };
 
-/* Part of the reason if a shadow ended, or its comparison failed, because the box is too slow. */
+/* Text in the reason if a shadow ended, or its comparison failed, because the box is too slow. */
 #define TL_COMPARISON_TWO_TWINS "this box is too slow for two twins"
 
-/* Writes "a step takes 0.15 ms of its 10 ms, and 2.3 ms with a complete search". Writes another
- * text if a time is unknown or too long. */
+/* Writes "a step takes 0.15 ms of its 10 ms, and 2.3 ms with a complete search", or what is unknown
+ * or too long. */
 void tl_forecast_write_time(const tl_trial_answer *answer, char text[TL_FORECAST_TEXT]);
 
 /* Writes "the new twin needs at most 31 MiB of memory; the box has 1900 MiB available". `left`:
- * available bytes; 0: unknown. */
+ * available bytes; 0: unknown, and not written. */
 void tl_forecast_write_memory(const tl_trial_answer *answer, uint64_t left, char text[TL_FORECAST_TEXT]);
 
 /* Returns the available memory in bytes (MemAvailable of /proc/meminfo); 0: unknown. */
@@ -41,26 +41,28 @@ uint64_t tl_forecast_memory_left(void);
  *          shadow started, by the rule in probation.h. Skipped ticks count only if they form at
  *          least TL_PROBATION_MISSES gaps (gap: one or more skipped ticks in a row). The box is
  *          also too slow if a twin skips more than a quarter of its ticks.
- * Refused: the candidate is refused if its shadow was in lock for less than required, and for less
- *          than the run's twin. It is also refused if the shadow executed no step.
+ * Refused: the candidate is refused if its shadow's share of steps in lock is below the required
+ *          one, and below that of the run's twin. It is also refused if the shadow executed no
+ *          step.
  * Unseen:  the lock is not evaluated here in two cases: no step was evaluated, or more than half of
  *          the evaluated steps had no good matched signal. Then the probation evaluates the lock.
  * Worse:   an output that both twins match is worse if the shadow's error Δy exceeds two limits:
  *          the run's tolerance, and TL_COMPARISON_TIMES the error of the run's twin. Errors are
  *          root mean squares over at least TL_COMPARISON_PAIRS pairs. The candidate's own tolerance
  *          does not count, because with a wide tolerance a twin far from the plant is in lock.
- *          Noise of the plant is the same for both, and below the tolerance.
- *          The lock of the shadow is also evaluated by the tolerances of the version before. It is
- *          worse if the shadow was in lock for less than required, and for less than the run's
- *          twin. The client may activate a worse candidate (TL_CONTROL_ACCEPT_WORSE).
+ *          Noise of the plant affects both twins alike, and is below the tolerance.
+ *          The lock is also evaluated by the tolerances of the version before. The shadow is worse
+ *          if its share of steps in lock is then below the required one, and below that of the
+ *          run's twin. The client may activate a worse candidate (TL_CONTROL_ACCEPT_WORSE).
  * Deadlines: missed deadlines of the shadow are only reported, because it has no real-time priority
- *          yet.
- * Failure: if the run's twin was restarted meanwhile, the result is TL_COMPARISON_BAD.
+ *            yet.
+ * Failure: if the run's twin failed and restarted meanwhile, the result is TL_COMPARISON_BAD.
  * Trust:   the states come from processes with FMUs. The caller has limited the counts and cleaned
  *          the names. A value that is not finite is reported as "-".
  * Thread:  plain data.
  */
 
+/* Sizes of texts, bytes; numbers of the rule "worse". */
 enum { TL_COMPARISON_TEXT = 256, TL_COMPARISON_LOCK = 64, TL_COMPARISON_TIMES = 2, TL_COMPARISON_PAIRS = 10 };
 
 /* The caller sets `before`; the other fields are private. */
@@ -82,17 +84,17 @@ void tl_comparison_end(tl_comparison *comparison, const tl_run_status *shadow, c
 
 /* ---- after tl_comparison_end() ---- */
 
-/* Calls `say` with one line for each output and each twin. Adds a line if the shadow's lock cannot
- * be evaluated. */
+/* Calls `report` with one line for each output, then one for each twin, and one if the shadow's
+ * lock is not evaluated here. */
 void tl_comparison_report(const tl_comparison *comparison, void (*report)(void *context, const char *text),
                           void *context);
 
-/* Returns the result. `require_lock`: percent of the steps, 0 … 100; 0: not required. `why`: the
- * reason; "" if TL_COMPARISON_GOOD. */
+/* Returns the result. `require_lock`: percent of the steps that must be in lock, 0 … 100. `why`:
+ * the reason; "" if TL_COMPARISON_GOOD. */
 tl_comparison_result tl_comparison_evaluate(const tl_comparison *comparison, double require_lock,
                                             char why[TL_COMPARISON_TEXT]);
 
-/* Writes "in lock 97 %", or that the lock is not evaluated yet. The shadow may still be running. */
+/* Writes "in lock 97 %" or "lock not evaluated yet". Allowed before tl_comparison_end(), too. */
 void tl_comparison_write_lock(const tl_lock_tally *lock, char text[TL_COMPARISON_LOCK]);
 
 #endif

@@ -5,7 +5,7 @@
  *           when a client connects. It ends after 10 s without a client and without a change in
  *           progress, unless a version is on probation.
  * Trust:   it parses no configuration and loads no FMU; workers do both (worker.h). It accepts the
- *          access right (`--right`) that a client claims, because only root, the user of the run
+ *          right that a client claims (`--right`), because only root, the user of the run
  *          and members of the socket's group can connect.
  * Waiting: tl_config_manager_work() waits at most TL_CONFIG_MANAGER_POLL (50 ms).
  * Thread:  one, the main thread of its process.
@@ -19,7 +19,7 @@
 #include "firmware/retune/activation.h"
 #include "firmware/retune/control.h"
 
-/* 50 ms. */
+/* Longest wait of tl_config_manager_work(), ns: 50 ms. */
 #define TL_CONFIG_MANAGER_POLL (TL_SECOND / 20)
 
 typedef struct tl_config_manager tl_config_manager;
@@ -30,12 +30,12 @@ typedef struct tl_config_manager tl_config_manager;
 tl_status tl_config_manager_open(int socket, const char *state, const tl_activation_settings *settings,
                                  tl_config_manager **manager, tl_error *error);
 
-/* Waits for work, at most TL_CONFIG_MANAGER_POLL, and does it. Returns false if there was no work
- * for 10 s. */
+/* Waits for a client's message, at most TL_CONFIG_MANAGER_POLL, answers requests, and polls the
+ * change in progress. Returns false if the process should end, after 10 s without work. */
 bool tl_config_manager_work(tl_config_manager *manager);
 
-/* Closes all connections, ends a running worker and frees the manager. The next config manager
- * continues from the state on disk. NULL is allowed. */
+/* Closes all connections (not `socket`), ends a running worker and frees the manager. The next
+ * config manager continues from the state on disk. NULL is allowed. */
 void tl_config_manager_close(tl_config_manager *manager);
 
 #endif

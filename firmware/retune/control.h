@@ -1,5 +1,7 @@
 /* Control socket of a plant: message formats, names of enumerations, server side and client side.
  *
+ * Terms:   the box is the computer that runs the twin. A candidate is a new configuration that a
+ *          client has sent.
  * Thread:  one for each side.
  */
 #ifndef TL_FIRMWARE_RETUNE_CONTROL_H
@@ -27,11 +29,11 @@
  * Trust:   the server validates everything in a request except the right, because only the plant's
  *          user and group can enter the socket's folder. The client checks each reply and
  *          terminates its texts.
- * Thread:  plain data.
+ * Texts:   UTF-8, with a final NUL.
  */
 
 enum {
-    TL_CONTROL_PROTOCOL = 2,      /* version of this protocol: both sides must have the same */
+    TL_CONTROL_PROTOCOL = 2,      /* version of this protocol; both sides must have the same one */
     TL_CONTROL_MOST = 256 * 1024, /* maximum number of bytes of a configuration's text */
     TL_CONTROL_NAME = 64,         /* of a user or a plant; sizes of all texts include the NUL */
     TL_CONTROL_WHY = 256,         /* a user's reason for a change, or a result */
@@ -44,50 +46,51 @@ enum {
 typedef enum tl_control_verb {
     TL_CONTROL_SHOW,     /* state of the plant: one STATE */
     TL_CONTROL_READ,     /* text of a version: one CONFIGURATION */
-    TL_CONTROL_VERSIONS, /* all saved versions, newest first, then the newest refused candidates: a VERSION each */
-    TL_CONTROL_TAKE,     /* a new configuration: sends CHANGE, PROBLEM and STEP replies */
+    TL_CONTROL_VERSIONS, /* a VERSION for each saved version, newest first, then for each refused candidate */
+    TL_CONTROL_TAKE,     /* a candidate: sends CHANGE, PROBLEM and STEP replies */
     TL_CONTROL_CONFIRM,  /* ends the probation and keeps its version */
-    TL_CONTROL_RETURN,   /* cancels a change in progress, rolls back one on probation, or activates `version` again */
+    TL_CONTROL_RETURN,   /* activates `version` again; 0: cancels the change in progress or on probation */
     TL_CONTROL_VERBS
 } tl_control_verb;
 
 /* Options of a change. */
 typedef enum tl_control_flag {
-    TL_CONTROL_ONLY_CHECK = 1, /* executes all steps before the activation, and then stops */
+    TL_CONTROL_ONLY_CHECK = 1, /* executes the steps before the activation, and stops there */
     TL_CONTROL_MAY_RESTART =
         2, /* restarts the run, with a gap in the record, if the change cannot be made while the plant's twin runs */
     TL_CONTROL_MUST_CONFIRM = 4, /* the version is kept only if a user confirms it */
-    TL_CONTROL_WAIT = 8, /* replies continue until the version is kept or rolled back; without it until it is active */
+    TL_CONTROL_WAIT = 8,         /* replies until the version is kept or rolled back; default: until it is active */
     TL_CONTROL_ONLY_PENDING =
-        16, /* of RETURN: only a change in progress or on probation; if there is none, nothing is done */
+        16, /* of RETURN: does nothing if there is no change in progress and no version on probation */
     TL_CONTROL_ACCEPT_WORSE =
-        32, /* activates it also if an output is worse than that of the run's twin (comparison.h) */
-    TL_CONTROL_FLAGS = 63
+        32, /* activates a candidate also if the comparison with the run's twin is "worse" (comparison.h) */
+    TL_CONTROL_FLAGS = 63 /* all flags */
 } tl_control_flag;
 
 typedef struct tl_control_request {
-    uint32_t protocol;
-    uint32_t verb; /* tl_control_verb */
+    uint32_t protocol; /* TL_CONTROL_PROTOCOL */
+    uint32_t verb;     /* tl_control_verb */
     uint32_t
-        right; /* tl_change_right that the client claims, at most TL_RIGHT_COMMISSION; not checked against the peer's user */
+        right; /* tl_change_right that the client claims, ≤ TL_RIGHT_COMMISSION; not checked against the peer's user */
     uint32_t origin;      /* tl_change_origin, at most TL_ORIGIN_LIMITED */
     uint32_t flags;       /* tl_control_flag, of TAKE and RETURN */
-    uint32_t probation_s; /* 0: the default */
-    uint32_t shadow_s;    /* seconds of live samples during which a new twin runs as a shadow; 0: the default */
-    uint32_t unused;
-    double require_lock; /* percent of the probation's steps that must be in lock, at most 100; < 0: the default */
+    uint32_t probation_s; /* s; 0: 300. With the right retune at least 2 × tl_verdict.window */
+    uint32_t shadow_s;    /* seconds of live samples during which a new twin runs as a shadow; 0: 60 */
+    uint32_t unused;      /* padding */
+    double require_lock;  /* percent of the probation's steps that must be in lock, at most 100; < 0: 95 */
     uint64_t
-        version; /* of READ and RETURN: number of the version; 0: of READ the active one, of RETURN the one before it */
-    char hash[TL_SHA256_TEXT];     /* of the candidate */
+        version; /* of READ and RETURN: number of a version; 0: for READ the active version, for RETURN its parent version */
+    char hash[TL_SHA256_TEXT];     /* of the candidate; "": none */
     char if_match[TL_SHA256_TEXT]; /* of the configuration that must be active; "": any */
     char who[TL_CONTROL_NAME];     /* name of the user */
     char why[TL_CONTROL_WHY];      /* the user's reason */
 } tl_control_request;
 
+/* Kind of a reply. */
 typedef enum tl_control_kind {
     TL_CONTROL_STATE,
     TL_CONTROL_VERSION,
-    TL_CONTROL_CONFIGURATION, /* a version, with its text in memory */
+    TL_CONTROL_CONFIGURATION, /* a version, with its text in a memory file */
     TL_CONTROL_CHANGE,        /* one difference from the active configuration */
     TL_CONTROL_PROBLEM,       /* one error in the candidate */
     TL_CONTROL_STEP,          /* a step of the activation begins, or reports its progress */
@@ -100,14 +103,14 @@ typedef enum tl_control_step {
     TL_CONTROL_IDLE,      /* no change is in progress */
     TL_CONTROL_AUTHORISE, /* checks that the client has a right to change anything */
     TL_CONTROL_VALIDATE,  /* parses the candidate, finds the changes and checks the right that they need */
-    TL_CONTROL_TRY,       /* tests its FMUs */
-    TL_CONTROL_PREDICT,   /* forecasts the time and memory that it needs */
+    TL_CONTROL_TRY,       /* tests the candidate's FMUs */
+    TL_CONTROL_PREDICT,   /* forecasts the time and memory that its twin needs */
     TL_CONTROL_SHADOW,    /* runs the new twin as a shadow: over recorded samples, then over live ones */
-    TL_CONTROL_COMPARE,   /* compares both twins */
-    TL_CONTROL_ACTIVATE,
-    TL_CONTROL_PROBATION,
-    TL_CONTROL_KEPT,
-    TL_CONTROL_RETURNED, /* rolled back to the version before */
+    TL_CONTROL_COMPARE,   /* compares the shadow with the run's twin */
+    TL_CONTROL_ACTIVATE,  /* makes the candidate the active version, on disk and in the run */
+    TL_CONTROL_PROBATION, /* the new version is active, and is kept or rolled back later (probation.h) */
+    TL_CONTROL_KEPT,      /* the probation has ended, and the version stays active */
+    TL_CONTROL_RETURNED,  /* rolled back to the version before */
     TL_CONTROL_STEPS
 } tl_control_step;
 
@@ -123,8 +126,8 @@ typedef enum tl_control_result {
     TL_CONTROL_BUSY,      /* another change is in progress */
     TL_CONTROL_ABSENT,    /* there is no such version, or none on probation */
     TL_CONTROL_FAILED,    /* the change failed, and nothing has changed */
-    TL_CONTROL_UNDONE,    /* it was active, and was rolled back */
-    TL_CONTROL_CANCELLED, /* a client cancelled it before it was active */
+    TL_CONTROL_UNDONE,    /* the change was active, and was rolled back */
+    TL_CONTROL_CANCELLED, /* a client cancelled the change before it was active */
     TL_CONTROL_RESULTS
 } tl_control_result;
 
@@ -134,35 +137,37 @@ typedef struct tl_control_state {
     char hash[TL_SHA256_TEXT]; /* of the active configuration */
     uint64_t version;          /* its number */
     uint32_t step;             /* tl_control_step of the change in progress or on probation */
-    uint32_t left_s;           /* seconds that remain of the probation */
-    char lock[16];             /* "locked", …; "hold": safe hold; "": no twin runs */
+    uint32_t left_s;           /* seconds that remain of the probation; 0: no probation */
+    char lock[16];             /* lock state: "locked", …; "hold": safe hold; "": no twin runs */
     double step_s;             /* T_S, s */
     /* counts of the twin (run_status.h) */
     uint64_t ticks, steps, skipped, deadline_misses;
-    double in_lock; /* percent of the run's steps */
+    double in_lock; /* percent of the evaluated steps that were locked or corrected */
     char line[512]; /* the status line */
 } tl_control_state;
 
+/* A saved version, or a refused candidate. */
 typedef struct tl_control_version {
-    uint64_t version; /* its number, from 1; 0: a candidate that was refused or cancelled */
-    uint64_t parent;  /* 0: none */
-    uint32_t is_active;
+    uint64_t version;   /* its number, from 1; 0: a candidate that was refused or cancelled */
+    uint64_t parent;    /* version that was active before; 0: none */
+    uint32_t is_active; /* 0 or 1 */
     char hash[TL_SHA256_TEXT];
-    char kind[16];   /* "in place", "new twin", "restart" */
+    char kind[16];   /* "in place", "new twin", "restart"; "": a refused candidate */
     char origin[16]; /* "start", "reload", "limited", … */
     char right[16];  /* that its change needed, "commission"; "": a refused candidate */
     char who[TL_CONTROL_NAME];
     char why[TL_CONTROL_WHY];
-    char at[TL_CONTROL_TIME];
-    char result[TL_CONTROL_WHY]; /* "kept", "returned: in lock in 71 % of …" */
+    char at[TL_CONTROL_TIME];    /* when it was added or refused, UTC */
+    char result[TL_CONTROL_WHY]; /* "kept", "returned: in lock in 71 % of …", "refused: …" */
 } tl_control_version;
 
+/* One difference between the active configuration and the candidate. Long values are truncated. */
 typedef struct tl_control_change {
     char path[TL_CONTROL_PATH];
     char before[64]; /* "": the key was absent */
     char after[64];  /* "": the key is absent */
-    char kind[16];
-    char right[16]; /* that the change needs */
+    char kind[16];   /* as in tl_control_version */
+    char right[16];  /* that the change needs */
 } tl_control_change;
 
 typedef struct tl_control_problem {
@@ -178,15 +183,15 @@ typedef struct tl_control_progress {
 } tl_control_progress;
 
 typedef struct tl_control_end {
-    uint32_t result;           /* tl_control_result */
-    uint64_t version;          /* that is active now */
-    char hash[TL_SHA256_TEXT]; /* of its text */
-    char text[TL_CONTROL_TEXT];
+    uint32_t result;            /* tl_control_result */
+    uint64_t version;           /* that is active now; 0: none, or the request was invalid */
+    char hash[TL_SHA256_TEXT];  /* of its text */
+    char text[TL_CONTROL_TEXT]; /* for the user */
 } tl_control_end;
 
 typedef struct tl_control_reply {
     uint32_t kind; /* tl_control_kind */
-    uint32_t more; /* of CHANGE and PROBLEM: how many were not sent; of CONFIGURATION: bytes of the text */
+    uint32_t more; /* of the last CHANGE or PROBLEM: number of those not sent; of CONFIGURATION: bytes of the text */
     union {
         tl_control_state state;
         tl_control_version version; /* also of a CONFIGURATION */
@@ -202,35 +207,35 @@ typedef struct tl_control_reply {
  * Thread:  pure.
  */
 
-/* Returns "authorise", "validate", …; "idle". */
+/* Returns "idle", "authorise", "validate", …. */
 const char *tl_control_step_name(tl_control_step step);
 
 /* Returns "done", "same", "bad request", "forbidden", …. */
 const char *tl_control_result_name(tl_control_result result);
 
-/* Exit code of TL_CONTROL_FORBIDDEN; all others are those of a tl_status. */
+/* Exit code for TL_CONTROL_FORBIDDEN (EX_NOPERM); all others are those of a tl_status. */
 enum { TL_CONTROL_NOT_PERMITTED = 77 };
 
 /* Returns the exit code of a client program, such as `twinlock reload`, for this result. */
 int tl_control_exit_code(tl_control_result result);
 
-/* Adds the members of a state from `lock` on to an open object. */
+/* Adds the members of a state from `lock` on to an open JSON object. */
 void tl_control_add_figures(tl_json_writer *json, const tl_control_state *state);
 
 /* Logs a problem of `subject` as an error: "SUBJECT: line 7: PATH: value found, value expected". */
 void tl_control_log_problem(const char *subject, const tl_control_problem *problem);
 
-/* ---- Makes a reply. All bytes of a reply are sent, so these functions set all of them. */
+/* ---- Make a reply. They set all bytes, because all bytes of a reply are sent. */
 
 tl_control_reply tl_control_new_reply(tl_control_kind kind);
 
-/* Truncates a text that does not fit. */
+/* Makes a TL_CONTROL_END. A text that does not fit is truncated. */
 tl_control_reply tl_control_new_end(tl_control_result result, uint64_t version, const char *hash, const char *text);
 
 /* ---- Packet of a control socket: a message of an exact size, with or without the descriptor of a
  * memory file.
  *
- * Purpose: internal; both sides use it.
+ * Purpose: internal to control.c; both sides use it.
  * Trust:   a received packet may have any size and any descriptor. Each received descriptor is
  *          closed. A text is copied only from a memory file (memfd, tmpfs), because reading that
  *          neither blocks nor fails.
@@ -251,12 +256,12 @@ bool tl_control_packet_send(int socket, const void *bytes, size_t size, const ch
  * Thread:  one; the listening socket may be passed to another process.
  */
 
-enum { TL_CONTROL_CLIENTS = 16 }; /* at a time; others wait in the socket's queue */
+enum { TL_CONTROL_CLIENTS = 16 }; /* most connections at a time; others wait in the socket's queue */
 
-/* Binds `path` and listens; the caller closes *listener. Makes the folder, mode 0770, if it is
- * missing. Replaces the socket of a process that has ended, but never one in use. The socket has
- * mode 0660. Every user who can enter the folder may send requests, and the claimed right is
- * trusted. Errors: TL_TRY_AGAIN; TL_BAD_USAGE if the path is too long. */
+/* Binds `path` and listens; the caller closes *listener. If the last folder of the path is missing,
+ * makes it with mode 0770. Replaces the socket of a process that has ended, but never one in use.
+ * The socket has mode 0660. Every user who can enter the folder may send requests, and the claimed
+ * right is trusted. Errors: TL_TRY_AGAIN; TL_BAD_USAGE if the path is too long. */
 tl_status tl_control_listen(const char *path, int *listener, tl_error *error);
 
 /* True if a connection waits to be accepted. */
@@ -271,8 +276,8 @@ typedef struct tl_control_peer {
 typedef enum tl_control_event {
     TL_CONTROL_NOTHING, /* nothing has arrived yet */
     TL_CONTROL_REQUEST, /* the request has arrived, and the candidate of a TAKE */
-    TL_CONTROL_GARBAGE, /* only inside of this module: an invalid packet; tl_control_receive() returns TL_CONTROL_CLOSED */
-    TL_CONTROL_CLOSED /* closed by the peer, or because of an invalid packet or unread replies */
+    TL_CONTROL_GARBAGE, /* an invalid packet; only inside of control.c, callers get TL_CONTROL_CLOSED */
+    TL_CONTROL_CLOSED   /* closed by the peer, or because of an invalid packet or unread replies */
 } tl_control_event;
 
 /* Accepts the next connection. Returns false if there is none. */
@@ -304,7 +309,7 @@ void tl_control_close(tl_control_peer *peer);
  * Thread:  one for each socket.
  */
 
-/* Control sockets of a box: TL_CONTROL_FOLDER/NAME/TL_CONTROL_SOCKET, one for each run NAME. */
+/* Default paths of control sockets: TL_CONTROL_FOLDER/NAME/TL_CONTROL_SOCKET for the run NAME. */
 #define TL_CONTROL_FOLDER "/run/twinlock"
 #define TL_CONTROL_SOCKET "control"
 

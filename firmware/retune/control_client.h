@@ -1,10 +1,10 @@
 /* Client of a control socket for `twinlock reload`: sends a request and prints its replies.
  *
- * Restart: a change that restarts the run closes the connection. With TL_CONTROL_WAIT, the client
- *          then queries the next run until the change is kept or rolled back, and prints the
- *          result. It fails if no run answers for 60 s.
+ * Restart: if a change restarts the run, the connection is closed. With TL_CONTROL_WAIT, the client
+ *          then queries the next run once a second until the change is kept or rolled back, and
+ *          prints the result. It fails if no run answers for 60 s.
  * Signals: SIGINT and SIGTERM end the client, but not a change. The client then prints to standard
- *          error that the change continues.
+ *          error that the change continues. tl_control_client_run() sets the handlers.
  * Thread:  one, the main thread.
  */
 #ifndef TL_FIRMWARE_RETUNE_CONTROL_CLIENT_H
@@ -35,13 +35,13 @@ typedef struct tl_control_client_settings {
  * long. */
 tl_status tl_control_client_find(const char *subject, const char *given, char path[PATH_MAX], tl_error *error);
 
-/* Writes the name of a user of this box, as the default for `who` of a request. */
+/* Writes the name of a user of this box, or "user UID": the default for `who` of a request. */
 void tl_control_client_name(uid_t user, char who[TL_CONTROL_NAME]);
 
-/* Sends a request, as tl_control_ask() does, and prints all replies. Sets *result to the result of
- * the request, valid if TL_OK is returned. Errors: TL_PLANT_DOWN if no server answers, or if the
- * connection was closed early; TL_TRY_AGAIN if no reply came in time (200 s, more with a shadow or
- * a probation); TL_BAD_DATA for an invalid reply. */
+/* Sends a request, as tl_control_ask() does, and prints all replies. A TL_CONTROL_CONFIGURATION is
+ * not accepted. If TL_OK is returned, *result is the result of the request. Errors: TL_PLANT_DOWN
+ * if no server answers, or if the connection was closed early; TL_TRY_AGAIN if no reply came in
+ * time (200 s, more with a shadow or a probation); TL_BAD_DATA for an invalid reply. */
 tl_status tl_control_client_run(const tl_control_client_settings *settings, const tl_control_request *request,
                                 const char *text, size_t size, tl_control_result *result, tl_error *error);
 

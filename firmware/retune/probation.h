@@ -1,4 +1,4 @@
-/* Probation: a new version is active for a limited time, and must prove that it works.
+/* Probation: a new version is active for a limited time, and is then kept or rolled back.
  *
  * Purpose: decides whether the probation continues, or the version is kept or rolled back. Pure
  *          logic: the caller passes the time and the state of the run.
@@ -11,13 +11,13 @@
  *            steps, because a restart skips all ticks of its gap;
  *          - the lock is lost for 2 s (TL_PROBATION_LOST) without interruption. A loss in the first
  *            10 s (TL_PROBATION_GRACE) does not count; in a probation under 20 s, a loss in the
- *            first half. A resume starts a new grace, of 10 s or half of the remaining time,
+ *            first half. The same holds after a resume, for 10 s or half of the remaining time,
  *            because the twin may have just started;
- *          - with the tolerances of the previous version, the lock is lost for 2 s, and the version
- *            does not need a confirmation;
+ *          - by the tolerances of the previous version, the lock is lost for 2 s in the same way,
+ *            and the new version needs no confirmation;
  *          - the plant's sources could not be opened for 10 s (TL_PROBATION_SHUT) without
  *            interruption.
- * Lock:    steps do not count while the plant's sources are not open.
+ * Lock:    steps do not count for the lock while the plant's sources are not open.
  * Tolerances: the lock is evaluated with the tolerances and weights of the new version, and with
  *             those of the previous version (lock_before). So a version with wider tolerances
  *             cannot pass only because they are wider.
@@ -51,7 +51,7 @@ enum {
     TL_PROBATION_MISSES = 3,
     TL_PROBATION_MISS_PERCENT = 1,
     TL_PROBATION_MISS_TIMES = 3,
-    TL_PROBATION_LONGEST_S = 7 * 24 * 3600
+    TL_PROBATION_LONGEST_S = 7 * 24 * 3600 /* longest probation, s */
 };
 
 /* Times of the rules above, ns. */
@@ -67,13 +67,13 @@ typedef struct tl_probation_terms {
     bool must_confirm;   /* kept only if a user confirms it */
 } tl_probation_terms;
 
-/* Progress of a probation: all that is saved on disk, and enough to resume it. */
+/* Progress of a probation, as saved on disk: all that is needed to resume it. */
 typedef struct tl_probation_account {
     tl_probation_terms terms;
-    uint64_t before_steps, before_misses; /* of the previous version */
-    uint64_t left_ms;                     /* remaining time */
-    uint64_t steps, misses, skipped;      /* on probation */
-    tl_lock_tally lock, lock_before;      /* of the evaluated steps: with the new tolerances; with `tolerances` */
+    uint64_t before_steps, before_misses; /* steps and missed deadlines of the previous version */
+    uint64_t left_ms;                     /* remaining time, ms */
+    uint64_t steps, misses, skipped;      /* on probation: steps, missed deadlines, skipped ticks */
+    tl_lock_tally lock, lock_before;      /* of the evaluated steps: by the new tolerances; by `tolerances` */
     tl_lock_tolerances tolerances;        /* of the previous version, in the order of the new outputs; zeroed: none */
     char widened
         [TL_PROBATION_WIDENED]; /* "motor.omega: tolerance 1 → 3": the first output with a wider tolerance than before; "": none */
@@ -88,17 +88,17 @@ typedef enum tl_probation_result {
 typedef struct tl_probation {
     tl_probation_account account;
     tl_probation_result result;
-    char why[TL_PROBATION_WHY]; /* "in lock in 97.2 % of the steps (required 95 %)"; "": it continues */
+    char why[TL_PROBATION_WHY]; /* of `result`: "in lock in 97.2 % of the steps (required 95 %)"; "": it continues */
     /* private */
     bool has_last;
     tl_run_status last;
-    tl_time left, grace, lost, down; /* ns: remaining; remaining grace; lock lost; twin down */
+    tl_time left, grace, lost, down; /* ns: remaining; remaining of the grace; lock lost; twin not running */
     tl_time lost_before;             /* as `lost`, with the previous version's tolerances */
     tl_time shut;                    /* ns: sources not open */
 } tl_probation;
 
-/* Begins a probation. `before`: the newest state of the previous version. `now`: counts start from
- * this state; NULL: the new version starts a new run or twin, with all counts at 0. */
+/* Begins a probation. `before`: the newest state of the previous version. `now`: state of the twin
+ * from which counting starts; NULL: the new version starts a new run or twin, with counts at 0. */
 void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms, const tl_run_status *before,
                         const tl_run_status *now);
 
@@ -119,7 +119,7 @@ tl_probation_result tl_probation_decide(tl_probation *probation, tl_probation_re
  * previous version. */
 bool tl_probation_is_too_many(uint64_t misses, uint64_t steps, uint64_t misses_before, uint64_t steps_before);
 
-/* Returns true if the lock is lost with the previous version's tolerances, in the last state that
+/* Returns true if the lock is lost by the previous version's tolerances, in the last state that
  * tl_probation_feed() received. */
 bool tl_probation_is_lost_by_previous(const tl_probation *probation);
 

@@ -1,7 +1,7 @@
 /* Opens, creates and validates twinlock databases, and classifies SQLite's faults.
  *
- * Purpose: one module decides whether a file is a twinlock database, and protects against untrusted
- *          content.
+ * Purpose: only this module decides whether a file is a twinlock database, and protects against
+ *          untrusted content.
  * Trust:   a database file is untrusted; every connection is restricted before its first SQL.
  * Errors:  TL_BAD_DATA, TL_TRY_AGAIN, TL_BAD_USAGE; each failure also sets the fault.
  * Thread:  one at a time for each database.
@@ -45,7 +45,7 @@ tl_database_fault tl_database_fault_of(int code, int number);
 /* Returns the fault for an errno. */
 tl_database_fault tl_database_fault_of_errno(int number);
 
-/* Sets the fault, writes the error's text and returns `status` (tl_fail() in status.h). */
+/* Sets the fault and the error's text, and returns `status` (as tl_fail() in status.h). */
 tl_status tl_database_refuse(tl_database_fault fault, tl_error *error, tl_status status, const char *format, ...)
     TL_PRINTF(4, 5);
 
@@ -53,19 +53,19 @@ tl_status tl_database_refuse(tl_database_fault fault, tl_error *error, tl_status
  * a text.
  *
  * Errors: TL_BAD_DATA if the file is the cause, TL_TRY_AGAIN if the system refuses (disk full, no
- *         permission, locked). Each failure also sets the fault.
+ *         permission, locked).
  * Thread: one at a time for each connection.
  */
 
-/* On failure both report the error as tl_database_fail() does. */
+/* Execute or prepare SQL; a failure is reported as by tl_database_fail(). */
 tl_status tl_database_execute(sqlite3 *database, const char *sql, tl_error *error);
 tl_status tl_database_prepare(sqlite3 *database, const char *sql, sqlite3_stmt **statement, tl_error *error);
 
-/* Writes to `text` why the last call on this connection failed: SQLite's message and, if known, the
- * system's. */
+/* Writes to `text` why the last call on this connection failed: SQLite's message and, if known,
+ * that of the system. `code`: the result of the call. */
 void tl_database_text(sqlite3 *database, int code, char *text, size_t size);
 
-/* Reports the same text as an error, with the path of the file in front, and sets the fault. */
+/* Reports that text as an error with the file's path; sets the fault and returns the status. */
 tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error);
 
 /* Reports wrong content in intact pages, so another program wrote it. Returns TL_BAD_DATA with the
@@ -79,16 +79,15 @@ int64_t tl_database_size(sqlite3 *database, int which);
 /* ---- Protection against untrusted database files.
  *
  * Purpose: a file may be corrupted, or made by an attacker. So SQLite executes no code of the file
- *          (triggers, views, virtual tables), accepts no value longer than the longest of the
- *          recorder, and terminates statements that run too long (corrupted pages can form a
- *          cycle). history.c validates the rows when it reads them.
- * Thread:  one at a time for each connection.
+ *          (triggers, views, virtual tables) and accepts no row above TL_DATABASE_LONGEST. It
+ *          terminates statements that run too long, because corrupted pages can form a cycle.
+ *          history.c validates the rows when it reads them.
  */
 
 enum {
     TL_DATABASE_APPLICATION = 0x74776C6B,    /* "twlk": SQLite's application_id */
-    TL_DATABASE_VERSION = 8,                 /* SQLite's user_version */
-    TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of a row */
+    TL_DATABASE_VERSION = 8,                 /* SQLite's user_version: number of the format */
+    TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* most bytes of a value or a row */
     TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes of the largest file that is diagnosed */
 };
 
@@ -100,27 +99,26 @@ void tl_database_diagnose(sqlite3 *database, tl_error *error);
  * history reads them.
  *
  * Purpose: decides whether a file is a twinlock database before any of its bytes can change.
- * Format:  SQLite; application_id and user_version in the header identify it; see config/SPEC.md,
- *          "Database".
+ * Format:  SQLite; application_id and user_version in the header identify it; see
+ *          docs/reference/database.md.
  * Mode:    a new database, and SQLite's files beside it, have mode 0640 less the umask, because
  *          plant data is not public.
  * Trust:   the file is untrusted; every connection is restricted as described above.
  * Errors:  TL_BAD_DATA if the file is not a twinlock database, has another format or is damaged;
  *          TL_TRY_AGAIN if the system refuses (disk full, no permission, locked).
- * Thread:  one at a time for each connection.
  */
 
-/* Opens an existing file. Reading creates, recovers and changes nothing
- * except SQLite's own -wal and -shm files, and works on a read-only medium. Writing fails with
- * TL_TRY_AGAIN if the file is read-only. */
+/* Opens an existing file; the caller closes it with sqlite3_close(). `write` false: SQL cannot
+ * change the content. The last reader to close still writes SQLite's log back and removes -wal and
+ * -shm. A read-only medium is allowed. `write` true: a read-only file fails with TL_TRY_AGAIN. */
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error);
 
-/* Checks the header on the disk: returns TL_OK if the file of this connection is still a twinlock
- * database. */
+/* Checks the header on the disk: returns TL_OK if the open file is a twinlock database of this
+ * format. `path` is used for the error's text only. */
 tl_status tl_database_recognise(sqlite3 *database, const char *path, tl_error *error);
 
 /* Resolves the links in `given`, and writes the result to `path`. The database need not exist yet.
- * Fails with TL_BAD_DATA for anything except an ordinary file and for a dangling link. Fails with
+ * Fails with TL_BAD_DATA if it is not an ordinary file, or is a link to a missing file. Fails with
  * TL_BAD_USAGE for an empty name, and with TL_TRY_AGAIN if the folder does not exist. */
 tl_status tl_database_resolve(const char *given, char path[PATH_MAX], tl_error *error);
 

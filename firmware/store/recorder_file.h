@@ -1,10 +1,10 @@
 /* Writer's database file: opens it, monitors it, and replaces it if necessary.
  *
- * Purpose: at the opening, a fault of the file is handled or is an error (`open_policy`): see
- *          database_file.h. Later, each fault is handled. A damaged file is renamed. A file that
- *          may not be written any more is replaced by one beside it. A file that was removed, moved
- *          or overwritten is created again. Then the run begins again in the new file
- *          (tl_recorder_state_leave_file()).
+ * Purpose: at the opening, `open_policy` (database_file.h) defines which faults of the file are
+ *          handled, and which make the call fail. Later, each fault is handled. A damaged file is
+ *          renamed. A file without permission to write is replaced by one beside it. A file that
+ *          was removed, moved or overwritten is created again. Then the run begins again in the new
+ *          file (tl_recorder_state_leave_file()).
  * Reports: each fault once, in the log and as an event of the writer
  *          (tl_recorder_state_add_event()).
  * Changes: the file and the files beside it. If a run leaves a file, also the marks in the writer's
@@ -27,25 +27,24 @@
 
 enum { TL_RECORDER_FATE = 80 };
 
-/* The caller provides the memory and may read all fields; it writes only `goes_on` and `lost_said`.
- */
+/* The caller may read all fields. It writes only `goes_on`, `lost_said` and `reason`. */
 typedef struct tl_recorder_file {
     const tl_recorder_settings *record;
     tl_recorder_writer_state *state;
     tl_database_file file;
     tl_database_user user;
     tl_recorder_database *database; /* NULL: no file is open */
-    bool goes_on;                   /* the run was begun by another writer, and this one wrote nothing yet */
-    bool is_kept;                   /* the previous writer's data is still in its file, as far as known */
+    bool goes_on;                   /* an earlier writer began the run, and this one wrote nothing yet */
+    bool is_kept;                   /* as far as known, the previous writer's file still has its data */
     char fate[TL_RECORDER_FATE];    /* what happened to the previous file, until it is reported; "": none */
     uint64_t lost_said;             /* part of the mark's totals.lost that was reported */
-    tl_time opened_at;              /* time of the last try to open a file, ns */
-    tl_error failure;               /* the last one, with the file's name */
-    char reason[192];               /* the same without the name */
+    tl_time opened_at;              /* time of the last try to open a file, CLOCK_MONOTONIC, ns */
+    tl_error failure;               /* the last failure, with the file's name */
+    char reason[192];               /* the last failure, usually without the name */
     tl_log_limiter limiter;
 } tl_recorder_file;
 
-/* Initialises it without an open file. Settings and state must outlive it. */
+/* Initialises `file` without opening one. Settings and state must outlive it. end() closes it. */
 void tl_recorder_file_begin(tl_recorder_file *file, const tl_recorder_settings *record,
                             tl_recorder_writer_state *state);
 void tl_recorder_file_end(tl_recorder_file *file);
@@ -53,16 +52,16 @@ void tl_recorder_file_end(tl_recorder_file *file);
 /* Returns the path of the open file; if no file is open, the requested path. */
 const char *tl_recorder_file_path(const tl_recorder_file *file);
 
-/* Logs the text (limited rate) and stores it as an event of the writer. */
+/* Logs the text with the file's path, at a limited rate, and stores it as an own event. */
 void tl_recorder_file_report_event(tl_recorder_file *file, tl_severity severity, const char *text);
 
 /* Stores why a call has failed in `failure` and `reason`. Call it before a rollback, which
  * overwrites SQLite's message. */
 void tl_recorder_file_keep_reason(tl_recorder_file *file, int code);
 
-/* Opens the file of the previous writer, or the requested file, or a replacement. *report gets the
- * reasons, for tl_recorder_file_report_fate(). A failure sets `failure`, and *waits to true if a
- * retry may succeed. */
+/* Opens the file of the previous writer, or the requested file, or a replacement. *report: which
+ * file, and why, for tl_recorder_file_report_fate(). A failure sets file->failure, and *waits to
+ * true if a retry may succeed. */
 tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_policy open_policy, tl_database_report *report,
                                 bool *waits);
 
@@ -77,8 +76,8 @@ bool tl_recorder_file_is_due(tl_recorder_file *file);
 void tl_recorder_file_set_short_wait(tl_recorder_file *file);
 
 /* Finds out whether the previous writer's last commit happened, and whether its run is in this
- * file. If not, the run begins again in this file. `report`: from the opening. Returns SQLite's
- * result code. */
+ * file. If the run is not, it begins again in this file. `report`: from the opening. Returns
+ * SQLite's result code. */
 int tl_recorder_file_find_run(tl_recorder_file *file, const tl_database_report *report);
 
 /* Detects whether another program has moved, removed, overwritten or truncated the file. SQLite
