@@ -5,14 +5,14 @@
  * Listens: no object of this driver uses a symbol that can send (tests/check/symbols.py). The CAN
  *          controller still acknowledges frames, unless the interface is configured with
  *          `listen-only on`.
- * Link:    up while the interface is up, with or without frames. The reader checks the age of
- *          values. Down if the interface is absent, down, removed or bus-off. Then the driver
- *          retries with back-off (from 0.1 s, doubling, to at most 2 s).
+ * Link:    up while the interface is up and on the bus, with or without frames. The reader checks
+ *          the age of values. Down if the interface is absent, down, removed, bus-off or without a
+ *          carrier. Then the driver retries with back-off (from 0.1 s, doubling, to at most 2 s).
  * Reports: the start and the end of: error warning, error passive, frames too short for their
  *          signals. At most once per second, with a count: frames that the kernel dropped,
- *          overflows of the controller, bus errors. While the link is up, the start of a problem is
- *          reported by the sink's part_failed() and its end by link(). While the link is down,
- *          link() reports both (plant_io.h).
+ *          overflows of the controller, bus errors. While the link is up, the sink's part_failed()
+ *          gets the start of a problem and link() gets its end. While the link is down, link() gets
+ *          both (plant_io.h).
  * Bound:   a poll waits at most 50 ms for a frame and receives at most 512 frames.
  * Stamp:   time of reception by the kernel, on CLOCK_MONOTONIC, independent of changes of the wall
  *          clock (can_link.h).
@@ -25,7 +25,7 @@
 #include "board/io/plant_access.h"
 #include "board/io/plant_io.h"
 
-enum { TL_CAN_INTERFACE = 15 }; /* longest interface name, without the NUL */
+enum { TL_CAN_INTERFACE = 15 }; /* bytes of the longest interface name, without the NUL */
 
 typedef struct tl_can_settings {
     const char *interface; /* "can0" */

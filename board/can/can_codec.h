@@ -14,8 +14,8 @@
  * Purpose: pure arithmetic, for the driver, for the emulated plant and for tests.
  * Bits:    bit b of a frame is bit b % 8 (0: least significant) of byte b / 8.
  *          Intel: `start` is the least significant bit of the value; the other bits follow upwards.
- *          Motorola: `start` is its most significant bit; the other bits follow downwards in the
- *          byte, then from bit 7 of the next byte.
+ *          Motorola: `start` is the most significant bit of the value; the other bits follow
+ *          downwards in the byte, then from bit 7 of the next byte.
  * Values:  value = raw·scale + offset, in the signal's unit. raw has at most 64 bits; as a double
  *          it is exact up to 2^53.
  * Source:  DBC file format (start bits, byte order, multiplexing); ISO 11898-1 (lengths of frames).
@@ -34,7 +34,7 @@ typedef enum tl_can_type { TL_CAN_UNSIGNED, TL_CAN_SIGNED, TL_CAN_FLOAT32, TL_CA
 
 /* Position of a bit field. */
 typedef struct tl_can_field {
-    uint16_t start;  /* 0..511 */
+    uint16_t start;  /* bit in the frame, 0..511 */
     uint16_t length; /* bits, 1..64 */
     tl_can_order order;
 } tl_can_field;
@@ -56,7 +56,7 @@ typedef struct tl_can_channel {
     tl_can_type type; /* a float's field has 32 or 64 bits */
     double scale;     /* not 0 */
     double offset;
-    tl_can_condition conditions[TL_CAN_CONDITIONS]; /* all must be true; without any, always present */
+    tl_can_condition conditions[TL_CAN_CONDITIONS]; /* all must be true; none: the signal is always present */
     size_t condition_count;
 } tl_can_channel;
 
@@ -80,8 +80,8 @@ void tl_can_write_bits(const tl_can_field *field, uint64_t bits, uint8_t *data);
  * tl_can_channel_bytes(). */
 bool tl_can_is_present(const tl_can_channel *channel, const uint8_t *data);
 
-/* Reads the signal's value in its unit; `data` has at least tl_can_channel_bytes(). If it is not
- * finite, returns false and sets *value to 0. */
+/* Reads the signal's value in its unit; `data` has at least tl_can_channel_bytes(). If the value is
+ * not finite, returns false and sets *value to 0. */
 bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *value);
 
 /* Writes a value to its field, and the first value of each multiplexor; `data` has at least
@@ -102,7 +102,7 @@ typedef struct tl_can_id {
     bool extended;
     size_t first;   /* index of its first element in tl_can_map.entries */
     size_t entries; /* number of its elements there */
-    bool too_short; /* the driver's note: the last frame was too short */
+    bool too_short; /* of the driver: the last frame with this id was too short */
 } tl_can_id;
 
 /* One channel in the map. */
@@ -116,7 +116,7 @@ typedef struct tl_can_entry {
 typedef struct tl_can_map {
     tl_can_entry *entries; /* sorted by id */
     size_t entry_count;
-    tl_can_id *ids; /* sorted in the same way */
+    tl_can_id *ids; /* in the same order */
     size_t id_count;
 } tl_can_map;
 
@@ -124,7 +124,7 @@ typedef struct tl_can_map {
  * (tl_can_open() checks them). Returns false if memory is out; then the map is empty. */
 bool tl_can_map_make(tl_can_map *map, const tl_can_channel *channels, size_t count);
 
-/* Returns the tl_can_id of an id, owned by the map; NULL if no channel has it. A standard and an
+/* Returns the element of `ids` for an id; NULL if no channel has this id. A standard and an
  * extended id with the same number are different. */
 tl_can_id *tl_can_map_find(const tl_can_map *map, uint32_t id, bool extended);
 

@@ -1,7 +1,7 @@
 /* Network interface of a CAN bus on Linux. The driver and the emulated plant use it.
  *
  * Purpose: creates and binds a raw CAN socket, and reads the state of the interface.
- * Listens: nothing here sends; tests/check/symbols.py checks the symbols of the object.
+ * Listens: no function sends; tests/check/symbols.py checks this in the object file.
  * Owner:   the caller closes the socket. Thread: any. Errors: in errno.
  * Source:  Linux kernel documentation, networking/can.
  */
@@ -13,7 +13,7 @@
 /* State of an interface. */
 typedef struct tl_can_state {
     bool up;      /* enabled by the administrator (IFF_UP) */
-    bool running; /* on the bus (IFF_RUNNING): false after bus-off */
+    bool running; /* on the bus (IFF_RUNNING): false after bus-off, or without a carrier */
     bool fd;      /* can transport CAN FD frames */
 } tl_can_state;
 
@@ -24,15 +24,15 @@ int tl_can_interface_open(void);
  */
 int tl_can_interface_index(int socket, const char *name);
 
-/* Binds the socket to an interface, so that it receives its frames. Returns false with errno on
- * failure: ENODEV if it is no CAN interface. */
+/* Binds the socket, so that it receives the frames of the interface `index`. Returns false with
+ * errno on failure: ENODEV if this is no CAN interface. */
 bool tl_can_interface_bind(int socket, int index);
 
 /* Reads the state. Returns false with errno if the interface does not exist (any more). */
 bool tl_can_interface_probe(int socket, const char *name, tl_can_state *state);
 
-/* Describes why tl_can_interface_open() failed. `reason`: its errno. The text is static or that of
- * strerror(): copy it before the next call. */
+/* Describes why tl_can_interface_open() failed. `reason`: the errno that it has set. The text is
+ * static or that of strerror(): copy it before the next call. */
 const char *tl_can_interface_failure(int reason);
 
 #endif

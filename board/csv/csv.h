@@ -20,15 +20,17 @@
 
 typedef struct tl_csv_reader tl_csv_reader;
 
-/* Opens a file and reads its header. Copies all settings. The caller closes the reader.
- * TL_BAD_DATA: the file is absent, empty or a device; a requested column is missing (the text lists
- * the existing ones) or occurs twice; semicolons separate the cells; a quote is not closed; or more
- * than TL_MAX_SIGNALS columns are requested. TL_TRY_AGAIN: out of memory or descriptors. */
+/* Opens a file and reads its header. Copies all settings. The caller closes the reader. Errors:
+ * TL_BAD_DATA: the file cannot be opened or read, is empty or a device; a requested column is
+ * missing (the text lists the existing ones) or occurs twice; semicolons separate the cells; a
+ * quote is not closed; the header exceeds 64 KiB; or more than TL_MAX_SIGNALS columns are
+ * requested. TL_TRY_AGAIN: out of memory or descriptors. */
 tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, tl_error *error);
 
-/* Reads the next row. At the end of the file it sets *end and leaves *row unchanged. Waits if the
- * file is a FIFO. TL_BAD_DATA with file and line: the time is no number, beyond ±4.6e9 s or not
- * increasing; the number of cells is wrong; a quote is not closed; or the line exceeds 64 KiB. */
+/* Reads the next row. At the end of the file, sets *end to true and leaves *row unchanged. Waits if
+ * the file is a FIFO. Errors: TL_BAD_DATA: the time is no number, beyond ±4.6e9 s or not
+ * increasing; the number of cells is wrong; a quote is not closed; the line exceeds 64 KiB; or the
+ * file cannot be read. */
 tl_status tl_csv_next(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error);
 
 /* Closes the file and frees the reader. NULL is allowed. */
@@ -37,26 +39,26 @@ void tl_csv_close(tl_csv_reader *reader);
 /* ---- the driver ---- */
 
 extern const tl_plant_io_driver tl_csv_driver;
-extern const tl_plant_access tl_csv_access; /* nothing besides the files of its sources */
+extern const tl_plant_access tl_csv_access; /* allows nothing besides the files of its sources */
 
 /* Creates a driver that reads a file or FIFO live. Copies the settings; the first poll opens the
  * path without blocking. If the path does not exist, the link is down and each poll tries again.
  * Regular file: the driver posts the first row when it reads it, and each further row when it is
- *               due by its time. When the file grows, is truncated or is replaced, a program
- *               writes it, as `tail -F` assumes. From then on the driver skips the older rows and
- *               posts new ones as they arrive. In a truncated or new file it skips rows up to the
- *               time of the last one; if there are only such rows, the writer has restarted. A line
- *               without an end waits. If no row comes for 2 s, or for 10 times the distance of the
- *               last two, the driver reports that once.
+ *               due by its time. When the file grows, is truncated or is replaced, a program writes
+ *               it, as `tail -F` assumes. From then on the driver skips the older rows and posts
+ *               new ones as they arrive. In a truncated or new file it skips rows up to the time of
+ *               the last one; if there are only such rows, the writer has restarted. A line is used
+ *               when its line end has arrived. If no row comes for 2 s and for 10 times the
+ *               distance of the last two rows, the driver reports the silence once.
  * FIFO: the driver posts rows as they arrive; a poll without a row waits up to 50 ms. The link is
  *       down while no process writes to the FIFO.
  * Stamp = row time + anchor. The first row sets the anchor so that its stamp is its time of
  * arrival. The first row after a restart of the writer sets it again. A restart is: the writer
- * closed the FIFO, repeated its header, or its time went back in two consecutive rows. Then both
- * are posted. No stamp is later than the arrival. If the clocks drift apart, the driver corrects
- * the anchor once a minute.
- * The driver skips malformed rows, lines before a header, and lines longer than 64 KiB.
- * It reports them to part_failed() (or link(), while the link is down), at most once per second.
+ * closed the FIFO, repeated its header, or set its time back for two consecutive rows. These two
+ * rows are posted too. No stamp is later than the arrival. If the clocks drift apart, the driver
+ * corrects the anchor once a minute (csv_live.h).
+ * The driver skips malformed rows, lines before a header, and lines longer than 64 KiB. It reports
+ * them to part_failed() (or link(), while the link is down), at most once per second.
  * Errors: TL_BAD_DATA for too many columns; TL_TRY_AGAIN if memory or a descriptor is missing. */
 tl_status tl_csv_open_live(const tl_csv_settings *settings, tl_plant_io **io, tl_error *error);
 

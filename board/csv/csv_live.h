@@ -1,9 +1,9 @@
 /* Anchor of a live CSV stream: converts row times to stamps of CLOCK_MONOTONIC.
  *
- * Purpose: stamp = row time + base. If a row arrives earlier than its stamp, base is lowered. After
- *          each window, base is raised by the least delay in it, so that slow clock drift is
- *          corrected.
- * Units:   ns. `time` is a row's time by its time column, `arrival` its arrival on CLOCK_MONOTONIC.
+ * Purpose: stamp = row time + base. If a row arrives before its stamp, base is lowered so that the
+ *          stamp is the arrival. After each window, base is raised by the least delay (arrival −
+ *          stamp) in this window. So a slow clock drift is corrected.
+ * Units:   ns. `time` is from the row's time column; `arrival` is on CLOCK_MONOTONIC.
  * Owner:   the caller owns the struct; no allocation, no clock is read.
  * Thread:  the one that reads the source.
  */
@@ -14,14 +14,14 @@
 
 #include "master/base/simtime.h"
 
-/* Time between two corrections of clock drift. */
+/* Length of a window, ns: the time between two corrections of clock drift. */
 #define TL_CSV_DRIFT_WINDOW (60 * TL_SECOND)
 
 /* Initialise it with zeros: not set. */
 typedef struct tl_csv_anchor {
     bool set;
     tl_time base;     /* stamp of row time 0, ns */
-    tl_time quickest; /* least arrival − stamp in this window, ns */
+    tl_time quickest; /* least delay in this window, ns */
     tl_time window;   /* end of this window, CLOCK_MONOTONIC */
 } tl_csv_anchor;
 

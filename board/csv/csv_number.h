@@ -1,8 +1,8 @@
 /* Decimal numbers of CSV cells. Private to the CSV reader and driver.
  *
- * Purpose: gives the same bits as strtod() with about a quarter of its instructions, for what
- *          recordings have: up to 18 digits and a power of ten from -22 to 22. strtod() converts
- *          all other texts.
+ * Purpose: gives the same double as strtod() with about a quarter of its instructions. This holds
+ *          for digits·10^power with power from -22 to 22 and digits up to 2^53; with a negative
+ *          power for up to 18 digits. strtod() converts all other texts.
  * Thread:  any, in a locale with a decimal point (firmware/base/os.h).
  */
 #ifndef TL_BOARD_CSV_CSV_NUMBER_H

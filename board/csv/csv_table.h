@@ -23,12 +23,12 @@
 typedef struct tl_csv_settings {
     const char *path;
     const char *time_column;
-    const char *const *columns; /* name of each channel's column, in channel order */
+    const char *const *columns; /* name of the column of each channel, by channel index */
     size_t column_count;
 } tl_csv_settings;
 
-/* One row; the arrays are indexed by channel. An empty cell has `present` false. Any cell that is
- * no finite number has quality TL_NOT_A_NUMBER and value 0. */
+/* One row; the arrays are indexed by channel. `present` is false for an empty cell. A cell that is
+ * no finite number, also an empty one, has the quality TL_NOT_A_NUMBER and the value 0. */
 typedef struct tl_csv_row {
     tl_time time; /* ns, by the time column */
     bool present[TL_MAX_SIGNALS];
@@ -47,6 +47,7 @@ typedef struct tl_csv_row {
 
 enum { TL_CSV_LINE = 64 * 1024 }; /* longest line in bytes, with its line end */
 
+/* Results of tl_csv_lines_take(). */
 typedef enum tl_csv_found { TL_CSV_NOTHING, TL_CSV_A_LINE, TL_CSV_TOO_LONG } tl_csv_found;
 
 /* Buffer that splits a stream into lines. Initialise it with zeros: empty. */
@@ -57,16 +58,17 @@ typedef struct tl_csv_lines {
     char bytes[TL_CSV_LINE + 1];
 } tl_csv_lines;
 
-/* Returns where to write the next bytes, and sets *room to the size there. *room is never 0 after
- * tl_csv_lines_take() has returned TL_CSV_NOTHING. */
+/* Returns where to write the next bytes, and sets *room to their maximum number, which is never 0
+ * after tl_csv_lines_take() has returned TL_CSV_NOTHING. Ends the validity of the last line. */
 char *tl_csv_lines_room(tl_csv_lines *lines, size_t *room);
 
-/* Adds the `count` bytes that the caller has written there. */
+/* Adds the `count` bytes that the caller has written to that place. */
 void tl_csv_lines_added(tl_csv_lines *lines, size_t count);
 
 /* Finds the next complete line that is not blank. TL_CSV_A_LINE: *line is the line without its end,
- * valid until the next call. TL_CSV_TOO_LONG: a line is too long and is skipped; returned once per
- * line. TL_CSV_NOTHING: add more bytes. `last`: no more bytes follow, so the rest is a line too. */
+ * valid until the next call for `lines`. TL_CSV_TOO_LONG: a line is too long and is skipped;
+ * returned once per line. TL_CSV_NOTHING: there is no complete line: add more bytes. `last`: no
+ * more bytes follow, so the rest is a line too. */
 tl_csv_found tl_csv_lines_take(tl_csv_lines *lines, bool last, char **line);
 
 /* Drops all bytes in the buffer; keeps the line number. */
@@ -96,16 +98,18 @@ typedef struct tl_csv_table {
 tl_status tl_csv_table_make(tl_csv_table *table, const tl_csv_settings *settings, tl_error *error);
 
 /* Finds the columns in the header line; modifies `line`. `number`: of the line, for error texts.
- * After an error the columns are as before. Errors: as tl_csv_open(). */
+ * After an error the columns are as before. Errors: TL_BAD_DATA for the errors of a header that
+ * tl_csv_open() lists; TL_TRY_AGAIN if memory is out. */
 tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, tl_error *error);
 
 /* Converts a line to a row, after a header; modifies `line`. Does not compare the time with earlier
  * rows. After an error (TL_BAD_DATA) *row is undefined. */
 tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_csv_row *row, tl_error *error);
 
-/* Sets the error of a line that was TL_CSV_TOO_LONG, and returns its status. */
+/* Sets *error for a line that was TL_CSV_TOO_LONG. Returns TL_BAD_DATA. */
 tl_status tl_csv_table_too_long(const tl_csv_table *table, int64_t number, tl_error *error);
 
+/* Frees the content. Allowed twice. */
 void tl_csv_table_release(tl_csv_table *table);
 
 #endif

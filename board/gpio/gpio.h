@@ -2,21 +2,21 @@
  *
  * Purpose: posts the new level (0 or 1) at each edge of a line. It also posts the level once per
  *          poll, so that the signal does not become stale. The driver requests lines as inputs
- *          only, and rejects a line that is an output at this time.
+ *          only, and rejects a line that is already an output.
  * Link:    up while any line can be read. A line that does not exist, is used by another process,
- *          or disappears with its chip affects only its own channels: the driver searches it again
- *          with back-off (from 0.1 s, doubling, to at most 2 s).
+ *          or disappears with its chip affects only its own channels: the driver searches the line
+ *          again with back-off (from 0.1 s, doubling, to at most 2 s).
  * Stamp:   of an edge: the kernel's stamp (CLOCK_MONOTONIC). Before Linux 5.7, or if the kernel's
- *          stamp is in the future, it is the time of reading. With debouncing: the stamp of the
- *          edge after which the line was stable. Of a level: the time of reading. Stamps of a line
- *          never decrease.
- * Debouncing: the driver does it with the stamps of the edges, for both versions of libgpiod. The
+ *          stamp is in the future, the stamp is the time of reading. With debouncing: the stamp of
+ *          the edge after which the line was stable. Of a level: the time of reading. Stamps of a
+ *          line never decrease.
+ * Debouncing: the driver debounces by the stamps of the edges, with both versions of libgpiod. The
  *             kernel's own debouncing would stamp the end of the wait, not the edge.
- * Bound:   a poll lasts period_s minus a margin of period_s/10, at most 1 ms. It reads a limited
- *          number of edges per line (TL_GPIO_EDGES). If there are more, the driver posts the newest
- *          level, and the next poll continues. It reports missed edges at most every 10 s. Their
- *          number is a lower bound, because the kernel does not count dropped edges.
- * Without edges: if a chip has no interrupts, levels are read once per poll.
+ * Bound:   a poll lasts period_s minus a margin: the smaller of period_s/10 and 1 ms. It reads a
+ *          limited number of edges per line (TL_GPIO_EDGES). If there are more, the driver posts
+ *          the newest level, and the next poll continues. The driver reports missed edges at most
+ *          every 10 s. Their number is a lower bound: the kernel does not count dropped edges.
+ * Without edges: if a chip has no interrupts, the driver reads its levels once per poll.
  * Source:  the GPIO character device's ABI, <linux/gpio.h>; libgpiod 1.6 or 2.x.
  */
 #ifndef TL_BOARD_GPIO_GPIO_H

@@ -17,12 +17,12 @@
  * driver; pure.
  *
  * Purpose: converts stamped edges to stable changes of the level. A change has the stamp of the
- *          edge after which the line was stable. A late evaluation does not change this stamp.
+ *          edge after which the line was stable, also if it is evaluated later.
  * Limits:  a line that is never stable keeps its last valid level, and `pending` stays true.
  */
 
 typedef struct tl_gpio_debounce {
-    tl_time time;  /* a level is valid after it was stable for so long, ns; 0: at once */
+    tl_time time;  /* time for which a level must be stable to be valid, ns; 0: valid at once */
     bool level;    /* valid level */
     bool newest;   /* level after the last edge */
     bool pending;  /* `newest` has not been stable for long enough yet */
@@ -32,17 +32,17 @@ typedef struct tl_gpio_debounce {
 /* ---- Input: converts edges and levels to readings. Private to the GPIO driver; pure.
  *
  * Purpose: an edge gives the time of a change. A level, read once per poll, shows whether an edge
- *          was missed. If a level differs from the last edge, its edge may still be in the queue.
- *          So this level is accepted only if it is read a second time.
- * Missed:  one edge is counted as missed if an edge leads to the present level, or if an accepted
- *          level differs from the last edge.
+ *          was missed. If the level differs from the last edge, the missing edge may still be in
+ *          the queue. So the level is accepted only if it is read a second time.
+ * Missed:  one edge is counted as missed if an edge leads to the level that the input already has,
+ *          or if an accepted level differs from the last edge.
  * Stamps:  never decrease. Edges older than the last edge or accepted level are dropped.
  */
 
 typedef struct tl_gpio_input {
     tl_gpio_debounce debounce;
     bool level;         /* after the last edge, or the accepted level */
-    bool doubtful;      /* a different level was read once since then */
+    bool doubtful;      /* after that, a different level was read once */
     tl_time last_stamp; /* stamp of the last edge or accepted level */
     tl_time posted;     /* stamp of the last reading */
     uint64_t missed;    /* number of missed edges, a lower bound */
@@ -69,8 +69,8 @@ bool tl_gpio_input_edge(tl_gpio_input *input, bool level, tl_time stamp, tl_time
  * edge is only noted (`doubtful`), and accepted at the second call in a row. */
 bool tl_gpio_input_level(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading);
 
-/* Adds a level and accepts it at once. Call it if edges may have been dropped or not read. Older
- * edges are dropped from now on. */
+/* Adds a level and accepts it at once. Call it if edges may have been dropped or not read. From now
+ * on, edges older than `stamp` are dropped. */
 bool tl_gpio_input_resync(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading);
 
 /* Completes debouncing up to `now`. First add all edges before `now`. */

@@ -13,11 +13,11 @@
 /* ---- Configuration of a GPIO line.
  *
  * Purpose: shared by the driver, the search for lines and the libgpiod part.
- * Units:   seconds. Owner: the caller owns the name.
+ * Owner:   the caller owns the name.
  */
 
 typedef enum tl_gpio_bias {
-    TL_GPIO_AS_IS, /* unchanged */
+    TL_GPIO_AS_IS, /* the driver does not change the bias */
     TL_GPIO_PULL_UP,
     TL_GPIO_PULL_DOWN,
     TL_GPIO_NO_PULL
@@ -28,7 +28,7 @@ typedef struct tl_gpio_channel {
     unsigned offset;  /* number of the line on its chip, from 0; not used with a name */
     bool active_low;  /* the low level is 1, the high level is 0 */
     tl_gpio_bias bias;
-    double debounce_s; /* a level is valid after it was stable for so long, 0 … 60; 0: at once */
+    double debounce_s; /* time for which a level must be stable to be valid, s, 0 … 60 */
 } tl_gpio_channel;
 
 /* ---- Chips and lines by libgpiod, either version. Private to the GPIO driver.
@@ -43,11 +43,11 @@ typedef struct tl_gpio_channel {
 
 typedef struct tl_gpio_chip tl_gpio_chip;
 
-/* Opens a chip; the caller closes it. Returns NULL with errno on failure: ENOTTY or ENODEV if it is
- * no GPIO chip. */
+/* Opens a chip; the caller closes it. Returns NULL with errno on failure: ENOTTY or ENODEV if
+ * `path` is no GPIO chip. */
 tl_gpio_chip *tl_gpio_chip_open(const char *path);
 
-/* Name, label and number of lines. The texts are valid while the chip is open. */
+/* Return name, label and number of lines. The texts are valid while the chip is open. */
 const char *tl_gpio_chip_name(const tl_gpio_chip *chip); /* "gpiochip0" */
 const char *tl_gpio_chip_label(const tl_gpio_chip *chip);
 unsigned tl_gpio_chip_lines(const tl_gpio_chip *chip);
@@ -55,9 +55,9 @@ unsigned tl_gpio_chip_lines(const tl_gpio_chip *chip);
 /* State of a line in the kernel. */
 typedef struct tl_gpio_line_state {
     char name[48];     /* empty: none */
-    char consumer[48]; /* name of the program that uses it; may be empty */
-    bool used;         /* another program or the kernel uses it */
-    bool output;       /* it is an output at this time */
+    char consumer[48]; /* name of the program that uses the line; may be empty */
+    bool used;         /* another program or the kernel uses the line */
+    bool output;       /* the line is an output now */
 } tl_gpio_line_state;
 
 /* Reads the state of a line without requesting it. Returns 0 or errno. */
@@ -71,7 +71,7 @@ typedef struct tl_gpio_line tl_gpio_line;
 
 typedef struct tl_gpio_edge {
     bool level;    /* after the edge, with active_low applied */
-    tl_time stamp; /* the kernel's, ns */
+    tl_time stamp; /* the kernel's stamp, ns */
 } tl_gpio_edge;
 
 /* Requests the line at `offset` of the chip at `path` as an input, with bias and active_low of
@@ -89,13 +89,13 @@ int tl_gpio_line_level(tl_gpio_line *line, bool *level);
  * *count. Returns 0 or errno: EAGAIN if there is no edge. */
 int tl_gpio_line_edges(tl_gpio_line *line, tl_gpio_edge *edges, size_t room, size_t *count);
 
-/* NULL is allowed. */
+/* Releases the line. NULL is allowed. */
 void tl_gpio_line_release(tl_gpio_line *line);
 
 /* ---- Search for a GPIO line: its chip and offset. Private to the GPIO driver.
  *
  * Purpose: finds a line by name on one or all chips, or by offset on one chip. A chip is given by
- *          name, label or path; NULL: all chips. If two lines fit, both are rejected.
+ *          name, label or path; NULL: all chips. If two lines fit, the search fails.
  */
 
 typedef struct tl_gpio_found {
@@ -105,8 +105,8 @@ typedef struct tl_gpio_found {
     tl_gpio_line_state state;
 } tl_gpio_found;
 
-/* Returns false if no line fits, or more than one. Then `text` (`size` bytes) has the reason and
- * the chips that were searched. */
+/* Finds the line of `channel`. Returns false if no line fits, or more than one. Then `text` (`size`
+ * bytes) has the reason and the chips that were searched. */
 bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_found *found, char *text, size_t size);
 
 #endif

@@ -2,7 +2,7 @@
  *
  * Purpose: two's complement and IEEE 754, independent of the machine's byte order.
  * Bits:    a number of n bits is in the lowest n bits of a uint64_t. Functions that read bits
- *          ignore higher bits; functions that return bits set them to 0.
+ *          ignore the higher bits; functions that return bits set the higher bits to 0.
  * Thread:  any. Errors: none.
  */
 #ifndef TL_BOARD_IO_BITS_H

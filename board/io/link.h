@@ -45,15 +45,15 @@ bool tl_backoff_is_due(const tl_backoff *backoff, tl_time now);
 /* ---- Link state of a device: up, down, or unknown.
  *
  * Purpose: reports each change once, by the sink's link(). A problem of a part of the device does
- *          not change the state. Each driver defines "up", and decides when it reports a
- *          problem again.
+ *          not change the state. Each driver defines what "up" means, and when it reports a problem
+ *          again.
  * Texts:   "DEVICE: TEXT", truncated to TL_LINK_TEXT − 1 bytes. Example of DEVICE: "CAN interface
  *          can0". TEXT: what happened and what to do.
  * Owner:   the caller owns the struct; no allocation. Thread: that of the driver's poll. Errors:
  *          none.
  */
 
-enum { TL_LINK_TEXT = 608 }; /* bytes: the text of an error, the name of the device, and the NUL */
+enum { TL_LINK_TEXT = 608 }; /* bytes: name of the device, text of an error, and the NUL */
 
 typedef enum tl_link_state { TL_LINK_UNKNOWN, TL_LINK_DOWN, TL_LINK_UP } tl_link_state;
 
@@ -73,7 +73,8 @@ bool tl_link_change(tl_link *link, bool up);
  * text goes to link(), with the present state. `device`: its name; NULL if the text names it. */
 void tl_link_report(const tl_link *link, const tl_plant_io_sink *sink, bool good, const char *device, const char *text);
 
-/* Sets the link up or down. If this changes the state, reports it to link() and returns true. */
+/* Sets the link up or down. If this changes the state, reports it to link() and returns true.
+ * `device`, `text`: as for tl_link_report(). */
 bool tl_link_set(tl_link *link, const tl_plant_io_sink *sink, bool up, const char *device, const char *text);
 
 #endif

@@ -21,14 +21,15 @@
 #include "master/base/signal.h"
 #include "master/base/status.h"
 
-/* Receives readings. `channel` is the index of the signal in the driver's settings. */
+/* Receives readings and reports during poll() and finish(). Pointers are valid during the call.
+ * `channel` is the index of the signal in the driver's settings. */
 typedef struct tl_plant_io_sink {
     void (*post)(void *context, size_t channel, const tl_reading *reading);
     /* Reports that the link went up or down; `text` names the device and the cause. If only a part
      * of the device recovers, link() is called once more, with the same `up` as before. */
     void (*link)(void *context, bool up, const char *text);
-    /* Reports once that a part fails while the link is up, so that a user acts. Examples: one unit
-     * answers with an exception; a row is malformed. If part_failed is NULL, link() is called with
+    /* Reports a problem of a part of the device while the link is up. Examples: one unit answers
+     * with an exception; a row is malformed. If part_failed is NULL, the driver calls link() with
      * `up` true. */
     void (*part_failed)(void *context, const char *text);
     void *context;
@@ -37,19 +38,21 @@ typedef struct tl_plant_io_sink {
 typedef struct tl_plant_io tl_plant_io;
 
 typedef struct tl_plant_io_driver {
-    const char *name; /* "modbus_tcp", "csv" */
+    const char *name; /* "modbus", "csv" */
 
-    /* Reads the device once and posts the readings. Waits for the device at most for the driver's
-     * timeout; returns at once if there is nothing to read. */
+    /* Reads the device once and posts the readings. Each driver documents how long a poll may wait
+     * for its device. */
     void (*poll)(tl_plant_io *io, const tl_plant_io_sink *sink);
 
-    /* From any thread: a waiting poll returns soon. If none waits, the next one returns at once. */
+    /* From any thread: a waiting poll returns soon; if none waits, the next poll returns at once.
+     */
     void (*interrupt)(tl_plant_io *io);
 
-    /* After the last poll, in its thread: posts or reports what is still pending. NULL: there is
-     * nothing. */
+    /* After the last poll, in the same thread: posts or reports what is still pending. NULL if the
+     * driver has nothing pending. */
     void (*finish)(tl_plant_io *io, const tl_plant_io_sink *sink);
 
+    /* Closes the device and frees the driver; no other thread may use it any more. */
     void (*close)(tl_plant_io *io);
 } tl_plant_io_driver;
 

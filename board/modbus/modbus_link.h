@@ -52,7 +52,7 @@ enum {
     TL_MODBUS_TCP_FIRST = 6 + 3 /* the shortest: ends with the exception code or the number of bytes */
 };
 
-/* Values of an answer, bits or registers by its table; large enough for any answer. */
+/* Values of an answer: bits or registers, depending on the table of the request. */
 typedef struct tl_modbus_values {
     uint8_t bits[TL_MODBUS_MAX_BITS];
     uint16_t registers[TL_MODBUS_MAX_REGISTERS];
@@ -75,8 +75,8 @@ void tl_modbus_put_body(const tl_modbus_read *read, uint8_t request[TL_MODBUS_BO
 void tl_modbus_put_request(const tl_modbus_question *asked, uint8_t request[TL_MODBUS_TCP_REQUEST]);
 
 /* Checks the first `size` bytes of an answer from TCP. Sets *missing to the number of bytes to
- * receive before the next check; 0: the outcome is final. These bytes never exceed the end of the
- * answer or TL_MODBUS_TCP_ANSWER bytes in all. */
+ * receive before the next check; 0: the outcome is final. `size` + *missing never exceeds the
+ * length of the answer or TL_MODBUS_TCP_ANSWER. */
 tl_modbus_outcome tl_modbus_check_tcp(const tl_modbus_question *asked, const uint8_t *answer, size_t size,
                                       size_t *missing);
 
@@ -84,7 +84,7 @@ tl_modbus_outcome tl_modbus_check_tcp(const tl_modbus_question *asked, const uin
  * `size` is at least 3. */
 tl_modbus_outcome tl_modbus_check_rtu(const tl_modbus_read *asked, const uint8_t *answer, size_t size);
 
-/* Converts the value bytes of a correct answer. `bytes` has tl_modbus_value_bytes(). */
+/* Converts the tl_modbus_value_bytes() value bytes of a correct answer. */
 void tl_modbus_take_values(const tl_modbus_read *read, const uint8_t *bytes, tl_modbus_values *values);
 
 /* ---- Transport below the Modbus driver: TCP (modbus_tcp.c) or serial line (modbus_rtu.c). Private
@@ -93,8 +93,8 @@ void tl_modbus_take_values(const tl_modbus_read *read, const uint8_t *bytes, tl_
  * Purpose: sends one request and waits for its response; any thread can end the wait.
  * Thread:  one thread calls all functions; any thread may call tl_wake_call() for `wake`.
  * Failures: after a failed request the driver calls failed() before the next request, so that late
- *           bytes are not taken for another answer. TCP then closes the connection. A serial line
- *           is read until it is quiet.
+ *           bytes are not taken for another answer. With TCP, failed() closes the connection. On a
+ *           serial line, the next request first waits until the line is quiet.
  */
 
 enum { TL_MODBUS_LINK_NAME = 160 }; /* bytes, including the NUL */
@@ -126,8 +126,8 @@ typedef struct tl_modbus_link_kind {
      * the outcome is TL_MODBUS_VALUES; else it is undefined. */
     tl_modbus_outcome (*ask)(tl_modbus_link *link, const tl_modbus_read *read, tl_modbus_values *values);
 
-    /* Call it if the outcome of ask() is neither values nor an exception. Closes the link, or
-     * prepares it for the next request. */
+    /* Call it if the outcome of ask() is neither values nor an exception. Closes a TCP link, or a
+     * serial port that failed. */
     void (*failed)(tl_modbus_link *link, const tl_modbus_outcome *outcome);
 
     /* Closes the link, which can connect again. Allowed if it is not connected. */
@@ -153,21 +153,21 @@ tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, bool any_uni
 /* Creates a serial link in the same way. */
 tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout);
 
-/* Settings of the part that both kinds have. */
+/* Settings of the common part of both kinds. */
 typedef struct tl_modbus_link_settings {
     const tl_modbus_link_kind *kind;
     tl_time timeout;  /* ns */
     const char *name; /* for messages; copied */
 } tl_modbus_link_settings;
 
-/* Initialises and releases the part of a link that both kinds have; the link is not connected. init
- * returns false with errno if a resource is missing; then do not call done. */
+/* Initialise and release the common part of a link, which is not connected. If a resource is
+ * missing, init returns false with errno; then do not call done. */
 bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_settings *settings);
 void tl_modbus_link_done(tl_modbus_link *link);
 
 /* Waits until poll() reports `events`, an error or a hang-up for `descriptor`. `deadline` is on
- * CLOCK_MONOTONIC. Returns 0 or errno: ETIMEDOUT; EINTR after a `wake` call, which it does not
- * answer. */
+ * CLOCK_MONOTONIC, ns. Returns 0 or errno: ETIMEDOUT; EINTR after a `wake` call, which stays
+ * unanswered. */
 int tl_modbus_link_await(const tl_modbus_link *link, int descriptor, short events, tl_time deadline);
 
 #endif

@@ -14,15 +14,15 @@
 
 /* ---- Outcome of a Modbus request, and its description. Private to the Modbus driver.
  *
- * Purpose: an answer is right, is an exception, is wrong, or is missing. The driver derives the
- *          link state from the kind of the outcome; messages contain the description.
+ * Purpose: an answer is right, an exception, wrong, or missing. The driver derives the link state
+ *          from the kind of the outcome. Messages contain the description.
  */
 
 typedef enum tl_modbus_kind {
     TL_MODBUS_VALUES,    /* the answer is right in every byte that can be checked */
     TL_MODBUS_EXCEPTION, /* the device answers with an exception; found: its code, 0 to 255 */
-    /* No complete answer. found: errno, also of libmodbus. ETIMEDOUT: no answer in time; EPROTO:
-     * the answer is incomplete; EBUSY: the line is never quiet; EINTR: interrupted. */
+    /* No complete answer. found: an errno or an error number of libmodbus. ETIMEDOUT: no answer in
+     * time; EPROTO: incomplete answer; EBUSY: the line is never quiet; EINTR: interrupted. */
     TL_MODBUS_FAILED,
     /* Wrong answers, which are not used. found: the number in the answer; wanted: the right one. */
     TL_MODBUS_WRONG_TRANSACTION,
@@ -44,8 +44,8 @@ typedef struct tl_modbus_outcome {
  * wrong answers are the same problem; all exceptions too; failures only with the same errno. */
 bool tl_modbus_outcome_is_same(const tl_modbus_outcome *a, const tl_modbus_outcome *b);
 
-/* Writes to `text` what was wrong and what to do. `timeout`: ns, for the text. Not for
- * TL_MODBUS_VALUES. */
+/* Writes to `text` what was wrong and what to do. `on_a_line`: by a serial line, else by TCP.
+ * `timeout`: ns, for the text. Not for TL_MODBUS_VALUES. */
 void tl_modbus_outcome_text(const tl_modbus_outcome *outcome, bool on_a_line, tl_time timeout, char *text, size_t size);
 
 /* ---- Modbus channels: position of a value in a device's registers, and conversion.
@@ -95,8 +95,8 @@ size_t tl_modbus_registers(tl_modbus_type type);
 
 /* Converts raw registers to a value and back. `registers` has tl_modbus_registers() elements.
  * decode: if the value is not finite, returns false and sets *value to 0.
- * encode: rounds integers to the nearest; finite values out of range saturate. An integer or bit is
- *         0 for NaN. */
+ * encode: an integer or bit gets the nearest integer: values out of range saturate, also
+ *         infinities, and NaN becomes 0. A float32 saturates finite values only. */
 bool tl_modbus_decode(const tl_modbus_channel *channel, const uint16_t *registers, double *value);
 void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *registers);
 
@@ -115,15 +115,16 @@ void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *
 enum {
     TL_MODBUS_MAX_REGISTERS = 125,
     TL_MODBUS_MAX_BITS = 2000,
-    TL_MODBUS_GAP_REGISTERS = 16, /* so many unused registers cost less than another request */
-    TL_MODBUS_GAP_BITS = 256      /* the same for unused bits */
+    TL_MODBUS_GAP_REGISTERS = 16, /* most unused registers between two channels of a request */
+    TL_MODBUS_GAP_BITS = 256      /* most unused bits between them */
 };
 
-/* Which channels share a request: with unused registers between them; without; none. */
+/* Which channels share a request: near ones, also with unused registers between them; only adjacent
+ * ones; none. */
 typedef enum tl_modbus_grain { TL_MODBUS_GAPS, TL_MODBUS_NO_GAPS, TL_MODBUS_SINGLE } tl_modbus_grain;
 
-/* One request; its channels are consecutive entries of the map. The driver uses the fields after
- * `grain`; for it a request is silent if its answer is missing or wrong. */
+/* One request; its channels are consecutive entries of the map. Only the driver uses the fields
+ * after `grain`. A request is silent if its answer is missing or wrong. */
 typedef struct tl_modbus_read {
     uint8_t unit_id;
     tl_modbus_table table;
@@ -134,10 +135,10 @@ typedef struct tl_modbus_read {
     tl_modbus_grain grain;
     tl_modbus_outcome trouble; /* last reported problem; TL_MODBUS_VALUES: none */
     tl_backoff backoff;        /* on while this request is silent and others are answered */
-    tl_time hold;    /* CLOCK_MONOTONIC, ns; earliest next request: a late answer of its unit may still come */
-    uint64_t polled; /* number of the last poll in which it was answered */
-    uint64_t silent; /* number of the last poll in which it was silent */
-    tl_modbus_outcome failure; /* its outcome in that poll */
+    tl_time hold;    /* earliest next try, CLOCK_MONOTONIC, ns; before it a late answer of the unit may come */
+    uint64_t polled; /* number of the last poll in which the request was answered */
+    uint64_t silent; /* number of the last poll in which the request was silent */
+    tl_modbus_outcome failure; /* outcome in the poll `silent` */
 } tl_modbus_read;
 
 /* One channel in the map. */
@@ -158,11 +159,12 @@ typedef struct tl_modbus_map {
  * (tl_modbus_open() checks them). Returns false if memory is out; then the map is empty. */
 bool tl_modbus_map_make(tl_modbus_map *map, const tl_modbus_channel *channels, size_t count);
 
-/* Groups the channels into as few requests as at first, and clears the driver's fields of all. */
+/* Undoes all splits: groups the channels as tl_modbus_map_make() does. Clears the driver's fields
+ * of all requests. */
 void tl_modbus_map_reset(tl_modbus_map *map);
 
-/* Splits the request at index `read`. Its parts replace it from this index on; later requests move
- * up. Returns the number of parts; 1: the request cannot be split. */
+/* Splits the request at index `read`. Its parts replace it; the indices of later requests increase.
+ * Returns the number of parts; 1: the request cannot be split. */
 size_t tl_modbus_map_split(tl_modbus_map *map, size_t read);
 
 /* Frees the content. Allowed twice. */

@@ -1,7 +1,7 @@
 /* Storage of the change detector: its findings as rows, and what it has learnt as bytes.
  *
- * Purpose: the recorder writes both to the database, so that findings survive restarts and the data
- *          of their run, and a restarted process continues to learn.
+ * Purpose: the recorder writes both to the database. So findings survive a restart and the deletion
+ *          of their run's data, and a restarted process continues to learn.
  * Thread:  the detector's.
  */
 #ifndef TL_FIRMWARE_MONITOR_CHANGE_STORAGE_H
@@ -18,11 +18,11 @@
 enum { TL_FINDING_ALSO = 512 };
 
 typedef struct tl_change_storage {
-    tl_run_changes changes; /* points to the rest */
+    tl_run_changes changes; /* result; points to the other fields */
     tl_run_finding rows[TL_FINDINGS];
-    char also[TL_FINDINGS][TL_FINDING_ALSO];
+    char also[TL_FINDINGS][TL_FINDING_ALSO]; /* names of the other variables that changed, one a line */
     char cause[TL_FINDINGS][TL_FINDING_NAME + 8];
-    unsigned char *bytes;
+    unsigned char *bytes; /* of tl_change_detector_save() */
 } tl_change_storage;
 
 /* Fills the storage from the detector; call it again after each change. `config`: the detector's.
@@ -30,10 +30,11 @@ typedef struct tl_change_storage {
  * false if memory is out. */
 bool tl_change_storage_fill(tl_change_storage *storage, const tl_config *config, const tl_change_detector *detector);
 
-/* Frees its bytes. */
+/* Frees `bytes`. */
 void tl_change_storage_release(tl_change_storage *storage);
 
-/* Converts a stored finding. Returns false if the row cannot be of a finding. */
+/* Converts a stored finding. `index`, `corrections`, `outputs`, `is_normal` and `is_decided` are 0.
+ * Returns false if the row is not a valid finding. */
 bool tl_change_storage_read(const tl_run_finding *row, tl_finding *finding);
 
 #endif

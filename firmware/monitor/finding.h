@@ -17,7 +17,7 @@ enum { TL_FINDING_NAME = 64, TL_FINDING_UNIT = 24, TL_FINDING_TEXT = 416, TL_FIN
 
 typedef enum tl_finding_kind {
     TL_FINDING_STEP,   /* a lasting change of the mean */
-    TL_FINDING_DRIFT,  /* it has changed further in the same direction */
+    TL_FINDING_DRIFT,  /* the mean has more than doubled its first change, in the same direction */
     TL_FINDING_FREEZE, /* a signal repeats one value (frozen.h) */
     TL_FINDING_LIMIT   /* a correction is outside the user's limits (limit_window.h) */
 } tl_finding_kind;
@@ -31,12 +31,12 @@ typedef enum tl_finding_subject {
 
 /* What the released twin that was begun before the onset shows (master/sync/released_twin.h). */
 typedef enum tl_finding_cause {
-    TL_FINDING_NO_CAUSE, /* not known yet, or no output was off */
+    TL_FINDING_NO_CAUSE, /* not known: not decided yet, no output was off, or there is only one output */
     TL_FINDING_SENSOR,   /* one output was off: its sensor, or an input that acts on it alone */
-    TL_FINDING_PLANT     /* several were off: not one sensor */
+    TL_FINDING_PLANT     /* several outputs were off: the plant, not one sensor */
 } tl_finding_cause;
 
-/* Times are s since t_start. Texts are cut. */
+/* Times are s since t_start. Texts that are too long are cut. */
 typedef struct tl_finding {
     uint32_t number; /* 1, 2, …, in the order of detection */
     tl_finding_kind kind;
@@ -45,21 +45,21 @@ typedef struct tl_finding {
     char variable[TL_FINDING_NAME]; /* OUTPUT and SIGNAL: of the plant, without "plant." */
     char says[TL_CONFIG_WORDS];     /* the user's words for the variable; "": none */
     char unit[TL_FINDING_UNIT];     /* "": none */
-    bool is_gone;                   /* the learnt state has returned */
+    bool is_gone;                   /* the variable is normal again */
     bool is_normal;                 /* a user has accepted its level as normal */
-    double onset, onset_spread;     /* when it began, and half the width of its range */
-    double found, gone;             /* when it was found; when it returned (only if is_gone) */
+    double onset, onset_spread;     /* instant of its beginning ± half the width of the possible range */
+    double found, gone;             /* instants of its detection and of its end (only if is_gone) */
     double size, size_spread;       /* change in the variable's unit, and its standard error */
-    double percent;                 /* size, of the mean û or ŷ before; NaN: that mean is about 0 */
+    double percent; /* size in percent of the mean û or ŷ since the onset; NaN: that mean is about 0 */
     tl_finding_cause cause;
     bool is_decided;               /* `cause` is final */
     char sensor[TL_FINDING_NAME];  /* SENSOR: signal of the plant, without "plant." */
-    uint64_t corrections, outputs; /* bits of all adjusted variables and outputs that changed */
+    uint64_t corrections, outputs; /* bit i: adjusted variable i, or output i, has changed */
 } tl_finding;
 
-/* Results of a change detector. Plant time. */
+/* Results of a change detector. */
 typedef struct tl_changes {
-    const tl_finding *finding; /* in the order of detection; the oldest are dropped beyond TL_FINDINGS */
+    const tl_finding *finding; /* in the order of detection; beyond TL_FINDINGS the oldest closed one is dropped */
     size_t count;
     tl_run_detection detection;
 } tl_changes;
@@ -77,8 +77,7 @@ const char *tl_finding_state_name(const tl_finding *finding);
  * since t = 22680 s ± 10 s". `now`, `started`: as in tl_lock_instant_write(). */
 void tl_finding_write(const tl_finding *finding, double now, int64_t started, char text[TL_FINDING_TEXT]);
 
-/* Writes the cause: "sensor plant.level, or an input that acts on it alone"; empty if it is
- * not known. */
+/* Writes the cause: "sensor plant.level, or an input that acts on it alone"; empty: not known. */
 void tl_finding_write_cause(const tl_finding *finding, char text[TL_FINDING_TEXT]);
 
 #endif

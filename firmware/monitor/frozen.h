@@ -2,10 +2,11 @@
  *
  * Purpose: a sensor that repeats its last value looks good, and a twin locked to it looks locked.
  *          Such a signal gets the quality TL_FROZEN, so it is not matched.
- * Run:     good readings in a row with one value. It is suspicious if it has TL_FROZEN_LEAST
- *          readings, the signal has changed as often before, and it lasts longer than
- *          TL_FROZEN_LONGER times the longest run so far.
- * Witness: in lock y does not move either, because u is corrected until y agrees with the reading.
+ * Run:     good readings in a row with one value. A run is suspicious if it has TL_FROZEN_LEAST
+ *          readings, if the value has changed TL_FROZEN_LEAST times before, and if the run lasts
+ *          longer than TL_FROZEN_LONGER times the longest run so far. A suspicious run is frozen if
+ *          the plant moves.
+ * Motion:  in lock y does not move either, because u is corrected until y agrees with the reading.
  *          So the released twins decide (master/sync/released_twin.h). While the plant rests, each
  *          release starts from the same state and gives the same outputs at the same age. With a
  *          standing correction, an integrator in the model may add the same change to each. So the
@@ -14,16 +15,16 @@
  *          the start of the run, and R/4 after the last step out of tolerance; R is the duration of
  *          a release (`release_s`), 6 s at a step of 10 ms. So a frozen sensor is found after 1.75
  *          R to 2.75 R.
- * Learned: a run in which releases were compared and nothing moved is not counted as longest run:
- *          the plant was at rest. A frozen run neither.
+ * Longest: two kinds of runs do not count as the longest run: frozen ones, and those in which
+ *          releases were compared and the plant was at rest.
  * Ends:    with the first reading that has another value. Samples of earlier instants stay marked.
- * Limits:  only Reals with a weight. No released twins, or no lock: nothing is found. A plant that
- *          is blocked, with a reading without noise, is also found. So is a plant at rest, if a
+ * Limits:  only Reals with a weight. Without released twins or lock, nothing is found. False
+ *          alarms: a plant that is blocked, if its reading has no noise; and a plant at rest, if a
  *          standing correction makes a state of the model run away.
- * Same:    the decision depends only on samples and records. A replay of a run with its own
+ * Replay:  the decision depends only on samples and records. A replay of a run with its own
  *          configuration takes the recorded qualities, because a live run may have no time for
  *          released twins.
- * Memory:  21 KiB, in the struct. Thread: plain data; one thread at a time.
+ * Memory:  23 kB, in the struct. Thread: plain data; one thread at a time.
  */
 #ifndef TL_FIRMWARE_MONITOR_FROZEN_H
 #define TL_FIRMWARE_MONITOR_FROZEN_H
@@ -38,9 +39,9 @@
 #include "master/twin/twin.h"
 
 enum {
-    TL_FROZEN_LEAST = 20, /* readings of a run; changes before it */
-    TL_FROZEN_LONGER = 4, /* times the longest run so far */
-    TL_FROZEN_AGES = 8    /* ages at which two releases are compared, from R/2 on */
+    TL_FROZEN_LEAST = 20, /* least number of readings of a run, and of changes before it */
+    TL_FROZEN_LONGER = 4, /* multiple of the longest run so far */
+    TL_FROZEN_AGES = 8    /* ages at which releases are compared, from R/2 on */
 };
 
 /* BEGUN: the signal is now left out. ENDED: it moves again. */
@@ -48,18 +49,18 @@ typedef enum tl_frozen_turn { TL_FROZEN_AS_BEFORE, TL_FROZEN_BEGUN, TL_FROZEN_EN
 
 /* One match. All fields may be read. */
 typedef struct tl_frozen_match {
-    size_t reading;        /* signal with the readings as they came; SIZE_MAX: this match is not watched */
+    size_t reading;        /* signal with the unfiltered readings; SIZE_MAX: this match is not watched */
     size_t signal;         /* signal that is matched; may be the same */
     double value;          /* of the current run */
     tl_time begin, newest; /* stamps of its first and last reading; TL_TIME_NEVER: no reading yet */
     int64_t tick;          /* of its first reading */
-    uint32_t readings;     /* of the current run */
-    uint32_t changes;      /* of the value, since the start */
+    uint32_t readings;     /* of the current run, at most TL_FROZEN_LEAST */
+    uint32_t changes;      /* of the value since the start, at most TL_FROZEN_LEAST */
     tl_time longest;       /* longest run before, ns */
-    double finest;         /* smallest change so far */
+    double finest;         /* smallest change so far, in the signal's unit */
     int64_t held_from;     /* y has been within tolerance since this step */
-    /* Outputs of the last two releases at each age, the newer one first, and the steps of their
-     * release. */
+    /* Output of the last two releases at each age, the newer one first, and the steps at which they
+     * were released. */
     double released[TL_FROZEN_AGES][2];
     int64_t released_at[TL_FROZEN_AGES][2];
     bool is_compared, has_moved; /* in the current run: releases were compared; the plant moved */
@@ -76,11 +77,11 @@ typedef struct tl_frozen_watch {
 /* `config` must outlive the watch. */
 void tl_frozen_watch_init(tl_frozen_watch *watch, const tl_config *config);
 
-/* Adds the sample of a tick; call it before the step of the tick. `is_decided`: its qualities are
- * the recorded ones of the same run, and stay. Returns the signals to be marked, as bits. */
+/* Adds the sample of a tick; call it before the step of the tick. Returns the signals to be marked,
+ * as bits. `is_decided`: its qualities were recorded with this configuration; then returns 0. */
 uint64_t tl_frozen_watch_sample(tl_frozen_watch *watch, const tl_sample *sample, bool is_decided);
 
-/* Sets the quality of the signals in `frozen` to TL_FROZEN if it is good. */
+/* Sets the quality of the signals in `frozen` (bits) to TL_FROZEN if it is TL_GOOD. */
 void tl_frozen_mark(uint64_t frozen, tl_sample *sample);
 
 /* Adds a committed step. */

@@ -37,15 +37,15 @@ typedef struct tl_lock_standing {
     tl_lock_reason reason;
     char variable[TL_LOCK_VARIABLE]; /* name of the adjusted variable; RELEASED: of the matched output */
     char unit[TL_LOCK_UNIT];         /* of `value`; "": none */
-    double value;                    /* mean u − û; if BOUND: u; if RELEASED: rms error of the output */
-    double since_s;                  /* beginning of the corrected period, s since the start of the run */
-    double now_s;                    /* newest step, likewise */
-    int64_t started;                 /* start of the run in UTC, ms; 0: a replay, which has no calendar time */
+    double value;                    /* mean u − û; if BOUND: the bound; if RELEASED: rms error of the output */
+    double since_s;                  /* beginning of the state, s since t_start */
+    double now_s;                    /* newest step, s since t_start */
+    int64_t started;                 /* t_start in UTC, ms; 0: a replay, which has no calendar time */
 } tl_lock_standing;
 
 /* Zeroed initially. */
 typedef struct tl_lock_tally {
-    tl_lock_state state;            /* the last one */
+    tl_lock_state state;            /* at the end of the last window */
     uint64_t steps[TL_LOCK_STATES]; /* steps (event horizon: strokes) in each state, including caught-up ones */
     uint64_t windows;               /* windows that were assessed; 0: the run was shorter than one */
     uint64_t changes;               /* number of changes of the state */
@@ -62,7 +62,8 @@ typedef struct tl_lock_tolerances {
     } match[TL_MAX_MATCH];
 } tl_lock_tolerances;
 
-/* Returns true if the values are valid. They may come from another process or from disk. */
+/* Returns true if all values are finite, weights are ≥ 0, and tolerances with a weight are > 0. For
+ * values of another process or from disk. */
 bool tl_lock_tolerances_is_sound(const tl_lock_tolerances *tolerances);
 
 /* Returns true if any output has a weight above 0. */
@@ -77,29 +78,29 @@ uint64_t tl_lock_tally_total(const tl_lock_tally *tally);
 /* Returns the percentage of steps that are locked or corrected, 0 … 100; 0 if there was no step. */
 double tl_lock_tally_percent(const tl_lock_tally *tally);
 
-/* Returns an instant of a live run in UTC, ms. The arguments are as in tl_lock_standing, but may
- * come from another process: the result is 0 if they cannot be true. */
+/* Returns an instant of a live run in UTC, ms. `instant_s`: s since t_start. `started`: as in
+ * tl_lock_standing. The arguments may come from another process; 0: they are impossible. */
 int64_t tl_lock_utc(double instant_s, int64_t started);
 
 /* Writes an instant: "05:00:06 UTC", or "2026-11-28 05:00 UTC" if `now_s` is on another day; in a
- * replay "t = 18006 s". If `is_event`, a live run has UTC and t, because `show` reads t. */
+ * replay "t = 18006 s". `is_event`: for a live run, UTC and t, because `show` reads t. */
 void tl_lock_instant_write(double instant_s, double now_s, int64_t started, bool is_event, char text[TL_LOCK_INSTANT]);
 
-/* Writes the state with its reason: "locked, corrected: heater.Q +5 W since 05:00:06 UTC". For
- * RELEASED: "locked, but 3.2 degC off without corrections since …". If `is_event`, the text also
- *           contains t and, for RELEASED, the name of the output. The text is empty without a
- *           reason. */
+/* Writes the state with its reason: "locked, corrected: heater.Q +5 W since 05:00:06 UTC", or, if
+ * RELEASED, "locked, but 3.2 degC off without corrections since …". `is_event`: with t and, if
+ * RELEASED, the name of the output. The text is empty if there is no reason. */
 void tl_lock_standing_write(const tl_lock_standing *standing, bool is_event, char text[TL_LOCK_CLAUSE]);
 
-/* Writes the advice with the key that approves a correction; empty for another reason. */
+/* Writes the advice with the key that approves a correction; empty if the reason is not CORRECTION.
+ */
 void tl_lock_standing_write_remedy(const tl_lock_standing *standing, char text[TL_LOCK_CLAUSE]);
 
-/* Reads the text of an event. Returns false for another text; then the reason is NONE. `now_s` and
- * `started` become 0. */
+/* Parses a text that tl_lock_standing_write() wrote for an event. `now_s` and `started` become 0.
+ * Returns false for another text; then the reason is NONE. */
 bool tl_lock_standing_parse(const char *text, tl_lock_standing *standing);
 
-/* Writes the text that follows "in lock" in the summary, without a full stop. `unit` of the counts:
- * "steps" or "strokes". */
+/* Writes the text that follows "in lock" in the summary, without a full stop. `unit`: "steps" or
+ * "strokes". */
 void tl_lock_tally_write(const tl_lock_tally *tally, const char *unit, char text[TL_LOCK_SENTENCE]);
 
 /* Returns true if at least `percent` of the steps were locked or corrected. With `percent` 0, it

@@ -17,14 +17,14 @@
 /* ---- Proposes `between`, `condition` and `tolerance` of each match and `between` of each input,
  * each with its reason.
  *
- * Line:      interpolation between two readings, if a step would otherwise be matched with a
- *            reading older than the step.
- * Low-pass:  if it reduces the mean square error of the readings (survey.h) to less than 60 %. The
+ * Line:      interpolation between two readings, if more than 5 % of the intervals between readings
+ *            exceed a step: else the step would be matched with an older reading.
+ * Low-pass: if it reduces the mean square error of the readings (survey.h) to less than 60 %. The
  *            proposal is the shortest low-pass that is nearly as good as the best one: with a
  *            longer low-pass, a step waits longer.
- * Gate:      if there are outliers, and nearly all of them are further off than the plant moves
- *            between two readings. The gate is the geometric mean of both distances. Otherwise a
- *            median of 5 is proposed.
+ * Gate:      if there are at least two outliers, and nearly all of them are further off than the
+ *            plant moves between two readings. The gate is the geometric mean of both distances. If
+ *            some outliers are nearer, a median of 5 is proposed instead.
  * Tolerance: 3 σ, or the configured one if that is 3 to 6 σ. If the plant is at rest in the whole
  *            recording, both limits are doubled.
  * Input:     the mean over a step, if the input moves by more than twice its noise between two
@@ -36,7 +36,7 @@
 
 enum { TL_PROPOSAL_REASON = 240 };
 
-/* Why a setting is proposed; "": no reason is given. */
+/* Why a setting is proposed, or why none is; "": no reason is given. */
 typedef struct tl_proposal_reason {
     char text[TL_PROPOSAL_REASON];
 } tl_proposal_reason;
@@ -58,22 +58,23 @@ typedef struct tl_proposal_input {
 typedef struct tl_proposal {
     size_t match_count;
     tl_proposal_match match[TL_MAX_MATCH];
-    tl_proposal_input inputs[TL_MAX_SIGNALS]; /* by signal; for those that feed an input */
-    tl_time every[TL_MAX_SIGNALS];            /* by signal: the key every_s, but in ns; 0: not needed */
+    tl_proposal_input inputs[TL_MAX_SIGNALS]; /* by signal; only of signals that feed an input */
+    tl_time every[TL_MAX_SIGNALS];            /* by signal: proposed every_s, in ns; 0: the key is not needed */
 } tl_proposal;
 
-/* `survey`: of a recording of this configuration's plant. Fills in `proposal`. */
+/* Fills `proposal`. `survey`: of a recording of this configuration's plant. */
 void tl_proposal_make(const tl_config *config, const tl_survey *survey, tl_proposal *proposal);
 
 /* ---- Output of survey and proposal, for a person or a program.
  *
- * Purpose: the page of `check --recording`, and its JSON (config/SPEC.md). Both end with the
- *          proposal in the form of the configuration. The page omits keys that are to be removed.
- *          The JSON is a merge patch (RFC 7396), in which null removes a key.
+ * Purpose: the page of `check --recording`, and its JSON (config/SPEC.md). Both contain the
+ * proposal
+ *          in the form of the configuration. On the page, keys to be removed are left out. In the
+ *          JSON the proposal is a merge patch (RFC 7396), in which null removes a key.
  * Thread:  the caller's.
  */
 
-/* What is printed. `recording`: the path as given. `choice` NULL: no horizons. */
+/* What is printed. `recording`: path as given. `choice`: NULL: no horizons were tried. */
 typedef struct tl_proposal_page {
     const tl_config *config;
     const char *recording;
@@ -82,11 +83,11 @@ typedef struct tl_proposal_page {
     const tl_horizon_choice *choice;
 } tl_proposal_page;
 
-/* Errors: TL_TRY_AGAIN if memory is out. */
+/* Print the page, or all results as JSON. Errors: TL_TRY_AGAIN if memory is out. */
 tl_status tl_proposal_print_page(const tl_proposal_page *page, FILE *file, tl_error *error);
 tl_status tl_proposal_print_json(const tl_proposal_page *page, FILE *file, tl_error *error);
 
-/* The merge patch alone. */
+/* Prints only the merge patch. Errors: as above. */
 tl_status tl_proposal_print_patch(const tl_proposal_page *page, FILE *file, tl_error *error);
 
 #endif

@@ -51,24 +51,24 @@ typedef struct tl_run_status {
     uint64_t ticks;       /* steps + skipped */
     uint64_t steps;
     uint64_t skipped;
-    uint64_t gaps; /* number of gaps, of one or more skipped ticks */
+    uint64_t gaps; /* a gap is one or more skipped ticks in a row */
     uint64_t deadline_misses;
     uint64_t evaluations;
     uint64_t executions;
     uint64_t timed_out; /* steps whose search was ended by the time limit */
-    tl_time used;       /* computing time of all steps, ns */
-    tl_time late;       /* how much later than due the ticks of all steps began, ns */
-    tl_lock_tally lock; /* free until the first window has ended */
+    tl_time used;       /* sum of the computing times of all steps, ns */
+    tl_time late;       /* sum of the delays with which ticks began, ns */
+    tl_lock_tally lock; /* state "free" until the first window has ended */
     tl_lock_tally
         lock_before;        /* the same with the tolerances of the version that a probation may restore; else zeroed */
-    uint32_t plant_is_shut; /* 1: io has not opened its sources yet; no bool: it is untrusted */
+    uint32_t plant_is_shut; /* 1: io has not opened its sources yet; no bool, because the value is untrusted */
     tl_run_correction correction[TL_MAX_ADJUST];
     tl_run_output output[TL_MAX_MATCH];
     /* set by the reader: */
     bool twin_alive;
-    uint64_t twin_failures;       /* unexpected ends */
+    uint64_t twin_failures;       /* number of unexpected ends of the twin's process */
     char failure[TL_RUN_FAILURE]; /* cause of the last one; "": not known */
-    uint64_t pairs;               /* of all outputs; of a twin without matches: its steps */
+    uint64_t pairs;               /* sum over all outputs; of a twin without outputs: its steps */
 } tl_run_status;
 
 #endif

@@ -22,14 +22,14 @@
  *         that reading in the output of the low-pass. σ is the standard deviation of the noise,
  *         which must be white. The error includes the remaining noise and the flattened motion. The
  *         motion need not be known.
- * Method: uses the low-pass of the plant input (plant/conditioner.h). Its output is read τ later,
- *         as for a matched signal, to compensate for its lag.
+ * Method: uses the low-pass of the plant input (plant/conditioner.h). Its output is read one time
+ *         constant later, as for a matched signal, to compensate for its lag.
  * Thread: pure functions.
  */
 
 /* Returns the mean square error at the readings' own instants after a low-pass with time constant
- * `low_pass` > 0, ns. Returns σ² (the error without a low-pass) if there are fewer than three
- * readings. */
+ * `low_pass` > 0, ns. `sigma`: σ. Returns σ² (the error without a low-pass) if there are too few
+ * readings, for example fewer than three. */
 double tl_smoothing_error(const tl_noise_point *points, size_t count, double sigma, tl_time low_pass);
 
 /* ---- Survey of a recording without any FMU: noise, message intervals, bad readings.
@@ -45,26 +45,26 @@ double tl_smoothing_error(const tl_noise_point *points, size_t count, double sig
  */
 
 enum {
-    TL_SURVEY_MOST = 200000,
+    TL_SURVEY_MOST = 200000, /* good readings of a signal that are used */
     TL_SURVEY_LEAST =
         TL_NOISE_LEAST + TL_NOISE_WINDOW + TL_NOISE_AROUND, /* good readings that a noise estimate needs */
-    TL_SURVEY_SWITCH = 3                                    /* a signal with at most this many values is a switch */
+    TL_SURVEY_SWITCH = 3                                    /* a signal with at most so many values is a switch */
 };
 
 typedef struct tl_survey_signal {
-    uint64_t good, bad; /* number of readings */
-    bool is_cut;        /* there were more than TL_SURVEY_MOST */
+    uint64_t good, bad; /* number of used good readings, and of bad ones */
+    bool is_cut;        /* there were more than TL_SURVEY_MOST good ones */
     tl_time median, most, rare,
         worst; /* interval between good readings that 50, 95, 99 and 100 % do not exceed, ns; 0: fewer than two */
     uint64_t repeats; /* good readings that equal the one before */
-    bool is_switched; /* it has at most TL_SURVEY_SWITCH values */
+    bool is_switched; /* the signal has at most TL_SURVEY_SWITCH different values */
     bool is_polled;   /* the signal is read more often than updated by its device; its noise is that of the changes */
-    double quantum;   /* all values differ by multiples of this, signal's unit; 0: not found */
+    double quantum;   /* values differ by multiples of this, in the signal's unit; 0: not found */
     uint64_t outliers;
     double nearest;       /* 90 % of the outliers are at least this far from the last other reading; 0: no outlier */
     tl_noise_found noise; /* without the outliers */
-    double sigma;         /* noise: of the estimate, or of the rounding to the quantum, whichever is larger */
-    double move, jump;    /* between successive readings without outliers: RMS minus the noise, and maximum */
+    double sigma;         /* σ of the estimate, or of the rounding to the quantum if that is larger */
+    double move, jump;    /* changes between readings without outliers: RMS minus the noise, and maximum */
     bool is_at_rest;      /* the signal does not move by more than its noise */
     tl_noise_point *kept; /* readings without outliers; if is_polled, only the changes */
     size_t kept_count;

@@ -1,8 +1,8 @@
 /* Live plant: opens and polls the configured sources, and posts their readings into the sample
  * buffers.
  *
- * Purpose: creates running plant readers from a tl_config. It is the writing side of the sample
- *          memory (sample_buffer.h). The reading side is a tl_plant_input on the same memory.
+ * Purpose: creates running plant readers from a tl_config. They write the sample memory
+ *          (sample_buffer.h). A tl_plant_input reads the same memory.
  * Death:   if an earlier writer died, its sample buffers are repaired and continued.
  * Owner:   tl_live_plant_close() frees all that tl_live_plant_open() allocates; the caller owns the
  *          sample memory.
@@ -32,13 +32,13 @@ typedef struct tl_live_plant_settings {
     tl_heartbeats *beats; /* each source has a heartbeat there; NULL: none */
     void (*on_link)(void *context, const char *source, bool good, const char *text); /* see plant_reader.h */
     tl_time (*run_start)(void *context); /* see plant_reader.h; NULL: polls are not aligned to ticks */
-    void *context;
+    void *context;                       /* of both functions */
 } tl_live_plant_settings;
 
-/* Opens the sources of `kinds` and starts their threads. Errors: TL_BAD_DATA if a signal has no
- * live source; TL_PLANT_DOWN if a source can never work. An absent device is not an error: on_link
- * reports it, and the source retries. The heartbeat of a source times out after two periods plus
- * the longer one of hang_s and the time-outs of its poll. */
+/* Opens the sources of `kinds` and starts their threads. The heartbeat of a source times out after
+ * two periods, plus hang_s or the time-outs of its poll, whichever is longer. An absent device is
+ * not an error: on_link reports it, and the source retries. Errors: TL_BAD_DATA if a signal has no
+ * live source; TL_PLANT_DOWN if a source can never work; TL_TRY_AGAIN. */
 tl_status tl_live_plant_open(const tl_live_plant_settings *settings, tl_live_plant **plant, tl_error *error);
 
 /* Checks that every signal has a live source, without opening any. Errors: TL_BAD_DATA. */
@@ -47,13 +47,13 @@ tl_status tl_live_plant_check(const tl_config *config, tl_error *error);
 /* Stops the threads and closes the sources. NULL is allowed. */
 void tl_live_plant_close(tl_live_plant *plant);
 
-/* Sets the limits, look-ups and conditions of all signals. Does not set the sample buffers and the
- * streams that tl_plant_input_open() allocates. */
+/* Sets count, limits, look-ups and conditions of all signals, but neither the sample buffers nor
+ * the streams that tl_plant_input_open() allocates. */
 void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config);
 
 /* Applies the limits that FMUs declare (tl_config_use_bounds()) to the good values of a recorded
- * sample. A value beyond them becomes TL_OUT_OF_RANGE, or is moved to the limit if it is slightly
- * beyond. */
+ * sample. A value beyond a limit gets the quality TL_OUT_OF_RANGE. If it is only slightly beyond
+ * (tl_plant_limits), it is moved to the limit instead. */
 void tl_live_plant_apply_bounds(const tl_config *config, tl_sample *sample);
 
 #endif

@@ -4,11 +4,11 @@
  *              signals that repeat one value. Live sources (plant_reader.h) and recordings
  *              (recording.h) both post into its sample buffers, so that a replay checks as a live
  *              run does.
- * Conditioned: if a signal has a condition, its readings are conditioned before the look-up, each
- *              one once as it comes.
- * Between:     tl_plant_lookup decides the value between two readings (plant_input.c).
- * Memory:      the caller owns that of the sample buffers (sample_buffer.h). Trust: another process
- *              may write it; it is untrusted.
+ * Conditioned: if a signal has a condition, each of its readings is conditioned once
+ *              (conditioner.h). Look-ups then use the outputs.
+ * Between:     tl_plant_lookup defines the value between two readings (plant_input.c).
+ * Memory:      the caller owns the memory of the sample buffers (sample_buffer.h). It is untrusted,
+ *              because another process may write it.
  * Thread:      the thread of the cycle. Each sample buffer has one writer, which may be another
  *              thread (sample_buffer.h). Wait-free.
  */
@@ -22,14 +22,14 @@
 #include "master/base/signal.h"
 
 /* How a signal is looked up in a sample of the instant t.
- * Next: applies if there is no reading at t − back. If true, the next reading after t − back is
- *       used if it has come by t; else the newest one before. If false, the newest one before is
- *       used; if there is none, the next one after.
- * Shows: if true, the result is the newest reading of signal `shown`, before conditioning. If
- *        readings were rejected since the last tick, it is the last of these, as TL_OUTLIER. */
+ * Next: counts if there is no reading at t − back. True: the next reading after t − back is used if
+ *       it has come by t; else the newest one before. False: the newest one before is used; if
+ *       there is none, the next one after.
+ * Shows: true: the result is the newest reading of signal `shown`, before conditioning. If readings
+ *        were rejected since the last tick, the result is the last of these, as TL_OUTLIER. */
 typedef struct tl_plant_lookup {
     tl_time back;       /* ns, ≥ 0: looked up at t − back */
-    bool next;          /* prefers the next reading */
+    bool next;          /* prefers the next reading, as described above */
     tl_between between; /* value if there is no reading at that instant and the next one has come by t */
     tl_time span;       /* of a mean: it starts at t − back and lasts this time, ns, > 0 */
     bool shows;         /* uses another signal, as described above */
@@ -43,10 +43,10 @@ typedef struct tl_plant_lookup {
 typedef struct tl_plant_limits {
     double minimum; /* −infinity: none */
     double maximum; /* +infinity: none */
-    double below;   /* ≥ 0: a value at most this far below the minimum is moved to it */
+    double below;   /* ≥ 0: a value at most this far below the minimum is moved to the minimum */
     double above;   /* the same for the maximum */
-    uint64_t items; /* bit k: minimum + k is permitted, other values are out of range; 0: all */
-    tl_time stale;  /* ns; older readings are stale; 0: never */
+    uint64_t items; /* bit k: minimum + k is permitted, other values are out of range; 0: all are permitted */
+    tl_time stale;  /* ns; older readings are stale; 0: readings are never stale */
     tl_type type;   /* a value that is not a valid Integer or Boolean is out of range */
 } tl_plant_limits;
 
@@ -57,9 +57,9 @@ typedef struct tl_plant_limits {
 /* The conditioned readings of one signal; used only by the thread of the cycle. */
 typedef struct tl_reading_stream tl_reading_stream;
 
-/* Set by tl_live_plant_set_limits() and tl_sample_buffers_open(). */
+/* Set by tl_live_plant_set_limits(), tl_sample_buffers_open() and tl_plant_input_open(). */
 typedef struct tl_plant_input {
-    size_t count;
+    size_t count; /* number of signals, further look-ups included */
     tl_plant_limits limits[TL_MAX_SIGNALS];
     tl_plant_lookup looks[TL_MAX_SIGNALS];
     tl_condition conditions[TL_MAX_SIGNALS];
@@ -74,19 +74,18 @@ bool tl_plant_input_open(tl_plant_input *input);
 /* Frees what tl_plant_input_open() allocated. A zeroed input is allowed. */
 void tl_plant_input_close(tl_plant_input *input);
 
-/* Returns true if every signal has a reading, and its newest one is good. Values are not
- * checked. */
+/* Returns true if every signal has a reading, and its newest one is good. Does not check values. */
 bool tl_plant_input_is_complete(const tl_plant_input *input);
 
-/* Returns false if the value is out of range; nothing is then changed. A value slightly beyond a
- * limit is moved to it. Sets *moved. */
+/* Returns false if the value is out of range; then nothing is changed. Moves a value that is
+ * slightly beyond a limit to this limit. *moved: it was moved. */
 bool tl_plant_limits_apply(const tl_plant_limits *limits, double *value, bool *moved);
 
 /* Makes the sample of `tick` at `instant` (ns, clock of the cycle). If the quality is not good, the
  * value is the one that was read; 0 if there is no reading or no number. An interpolated value has
  * the stamp of its look-up (t − back), a mean that of the middle of its span. If several faults
- * apply, the worst quality is set. The age is the time from the stamp to the look-up. A stamp
- * further than TL_PLANT_FARTHEST from the look-up is invalid, and counts as no reading. */
+ * apply, the worst quality is set. The age of a reading is the time from its stamp to the look-up.
+ * A stamp further than TL_PLANT_FARTHEST from the look-up is invalid, and counts as no reading. */
 void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time instant, tl_sample *sample);
 
 #endif

@@ -20,7 +20,8 @@
  * Thread:  plain data.
  */
 
-/* One tick of a recording. */
+/* One tick of a recording. All fields after the sample are 0 for a CSV file, and, except `u`, if
+ * the run is replayed with another configuration. */
 typedef struct tl_recording_tick {
     tl_sample sample;
     uint64_t executions;     /* if cut_short: component executions that the run's search completed */
@@ -32,16 +33,16 @@ typedef struct tl_recording_tick {
     bool rests;              /* u rested at nominal */
     bool ends_released;      /* after its step the released twins ended, because they were too slow */
     bool is_decided;         /* the qualities are those of the same run, also TL_FROZEN (monitor/frozen.h) */
-    bool followed;           /* the tick belongs to the earlier run that this one resumes */
-    double u[TL_MAX_ADJUST]; /* if followed: u that the earlier run committed */
+    bool followed;           /* the step is computed with `u`, without a search; usually of a run that was resumed */
+    double u[TL_MAX_ADJUST]; /* if followed: u that was committed */
 } tl_recording_tick;
 
-/* Receives a reading as it came, before any conditioning. From CSV its quality is that of the
- * source; from a database it is the recorded one, but outliers count as good. `signal`: index of
- * one of the configuration's own signals. */
+/* Receives a reading before any conditioning. Its quality is that of the CSV file, or the recorded
+ * one of a database; but outliers and frozen readings count as good. `signal`: index of one of the
+ * configuration's own signals, not of a further look-up. */
 typedef void tl_recording_on_reading(void *context, size_t signal, const tl_reading *reading);
 
-/* Tunings that a run took from other configurations. Valid as long as the recording. */
+/* Tunings that were applied during a run. Valid as long as the recording. */
 typedef struct tl_recording_tunings {
     size_t recorded; /* number of tunings in the recording */
     /* Both lists are filled only if the run is replayed with its own configuration, in the order of
@@ -54,14 +55,14 @@ typedef struct tl_recording_tunings {
 /* Largest number of tunings of a run that a replay can apply. */
 enum { TL_RECORDING_TUNINGS = 4096 };
 
-/* Start of a run that does not start at tick 0 with the FMUs' start values. Valid as long as the
- * recording. */
+/* Start of a replay that does not start at tick 0 with the FMUs' start values: of a resumed run, or
+ * from a checkpoint of the run (config->recording_follow). Valid as long as the recording. */
 typedef struct tl_recording_beginning {
-    int64_t run;  /* number in the database */
-    int64_t tick; /* its first tick */
-    bool follows; /* the replay repeats the resumption; false: another configuration, starts at `tick` without it */
-    tl_resumption resumption;                /* how the run resumed an earlier one */
-    const char *fmus;                        /* identity of its FMUs (tl_twin_recorder_identify()) */
+    int64_t run;              /* number in the database */
+    int64_t tick;             /* first tick of the replay */
+    bool follows;             /* the replay repeats the resumption; false: it starts at `tick` with start values */
+    tl_resumption resumption; /* how the run, or this replay, resumes */
+    const char *fmus;         /* identity of its FMUs (tl_twin_recorder_identify()) */
     const tl_history_checkpoint *checkpoint; /* checkpoint that it loaded; NULL: it started from start values */
 } tl_recording_beginning;
 
@@ -72,8 +73,8 @@ typedef struct tl_recording_time {
     tl_time length;           /* from tick 0 to the last tick, ns */
 } tl_recording_time;
 
-/* What the run's components with "keep": "auto" kept. Known only if the run is replayed with its
- * own configuration. */
+/* What the run's components with "keep": "auto" kept between candidates. Known only if the run is
+ * replayed with its own configuration. */
 typedef struct tl_recording_keep {
     bool is_known;
     uint64_t unsaved; /* as tl_twin_unsaved() */
@@ -82,10 +83,10 @@ typedef struct tl_recording_keep {
 /* ---- Recordings: samples of the plant tick by tick, from a CSV file or a database that `run`
  * wrote.
  *
- * Purpose: delivers samples to replay and to the emulated plant. From CSV, as in a live run: each
- *          row is posted into a plant input at its own time, and a sample is taken at each tick.
- *          Tick 0 is at the first row. From a database: the samples that the run saw, with
- *          qualities, and the effort of each search, so that a replay computes the same u.
+ * Purpose: delivers samples to replay and to the emulated plant. CSV: as in a live run, each row is
+ *          posted into a plant input at its own time, and a sample is taken at each tick. Tick 0 is
+ *          at the first row. Database: delivers the samples that the run saw, with qualities, and
+ *          the effort of each search, so that a replay computes the same u.
  * Owner:   the recording owns all that it returns pointers to, until tl_recording_close().
  * Thread:  one thread.
  */
@@ -100,10 +101,11 @@ typedef struct tl_recording tl_recording;
 /* Opens a CSV file or a SQLite database (recognised by its first bytes). Of a database, run
  * `config->recording_run` is used, or the last one if that is 0. The names and order of its signals
  * and its step must agree with the configuration. A CSV file is checked completely, including the
- * limits above and the unit of its time, as far as the distance of its rows shows it. */
+ * limits above and, by the distance of its rows, the unit of its time. `config` must outlive the
+ * recording. Errors: TL_BAD_DATA; TL_TRY_AGAIN; TL_BAD_USAGE: a run of a CSV file was requested. */
 tl_status tl_recording_open(const char *path, const tl_config *config, tl_recording **recording, tl_error *error);
 
-/* Returns the start of the run; NULL if the recording starts at tick 0 with start values. */
+/* Returns the start of the replay; NULL: at tick 0 with start values. */
 const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *recording);
 
 /* Returns the tunings; most recordings have none. */
@@ -116,16 +118,16 @@ void tl_recording_use_limits(tl_recording *recording);
 tl_recording_time tl_recording_get_time(const tl_recording *recording);
 tl_recording_keep tl_recording_get_keep(const tl_recording *recording);
 
-/* Reads the next tick. The first call reads tick 0, or the first tick of the run. Sets *end if the
- * recording ends before the tick's instant. */
+/* Reads the next tick. The first call reads tick 0, or that of tl_recording_beginning. *end: the
+ * recording ended before this tick. Errors: TL_BAD_DATA: invalid, or a tick of a run is missing. */
 tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error);
 
 /* Sets a callback that is called once for each reading while ticks are read. A CSV file delivers
- * all readings. A database delivers one per tick; for a signal that fed an input on a line, it
- * delivers the interpolated values. */
+ * all readings. A database delivers at most one per tick and signal; for a signal that fed an input
+ * on a line, it delivers the interpolated values. */
 void tl_recording_listen(tl_recording *recording, tl_recording_on_reading *on_event, void *context);
 
-/* Returns the number of ticks up to the end of the recording, to show progress. */
+/* Returns the number of ticks from tick 0 to the end of the recording, to show progress. */
 int64_t tl_recording_ticks(const tl_recording *recording);
 
 void tl_recording_close(tl_recording *recording);

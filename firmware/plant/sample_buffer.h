@@ -1,7 +1,7 @@
 /* Sample buffers: the newest readings of each signal, in memory that the plant reader writes and
  * the cycle reads.
  *
- * Thread: as each part says.
+ * Thread: each section says which.
  */
 #ifndef TL_FIRMWARE_PLANT_SAMPLE_BUFFER_H
 #define TL_FIRMWARE_PLANT_SAMPLE_BUFFER_H
@@ -25,10 +25,10 @@
  * Death:   the memory may outlive its writer. The next writer repairs it and continues; readers are
  *          not affected.
  * Thread:  one writer at a time; any number of readers.
- * Trust:   the memory is untrusted for readers. Whatever it contains, and if it changes during a
- *          look-up, the look-up terminates, reads nothing outside, and returns a valid quality.
- *          Value and stamp may be any.
- * Bound:   post O(1); look-up O(log depth) for new and old readings.
+ * Trust:   the memory is untrusted for readers. Whatever it contains, and even if it changes during
+ *          a look-up, the look-up terminates, reads only this memory, and returns a valid quality.
+ *          Value and stamp may be arbitrary.
+ * Bound:   post O(1); look-up O(log depth).
  */
 
 /* Fields are private. */
@@ -46,21 +46,22 @@ typedef struct tl_sample_buffer {
     uint32_t depth;               /* a power of two */
 } tl_sample_buffer;
 
-/* Writer: posts a reading. Stamps should not decrease. If a stamp is earlier than the one before,
- *         look-ups find the reading only while it is among the newest few. Later, a look-up near
- *         its stamp may return a neighbour. */
+/* Writer: posts a reading; overwrites the oldest one if the buffer is full. Stamps should not
+ * decrease. If a stamp is earlier than the one before, look-ups find the reading only while it is
+ * among the newest few. Later, a look-up near its stamp may return a neighbour. */
 void tl_sample_buffer_post(const tl_sample_buffer *buffer, const tl_reading *reading);
 
 /* Reader: returns the number of readings that were posted. */
 uint64_t tl_sample_buffer_posts(const tl_sample_buffer *buffer);
 
-/* Repairs the buffer after its writer died, before the first post of a new writer. Complete posts
- * are kept; an incomplete one is dropped. */
+/* Writer: repairs the buffer after an earlier writer died; call it before the first post. Complete
+ * posts are kept; an incomplete one is dropped. */
 void tl_sample_buffer_repair(const tl_sample_buffer *buffer);
 
-/* Reader, `from` ≤ `until`: returns the first reading with `from` ≤ stamp ≤ `until`; of equal
- * stamps, the last posted one. If there is none, returns the newest reading before `from`. If there
- * is neither, the result is that of tl_sample_buffer_at(). */
+/* Reader, `from` ≤ `until`: finds the first reading with `from` ≤ stamp ≤ `until`; of equal stamps,
+ * the last posted one. If there is none: the newest reading before `from`. If there is neither, but
+ * readings were overwritten: the oldest kept one. Returns false, and changes nothing, if there is
+ * none. */
 bool tl_sample_buffer_from(const tl_sample_buffer *buffer, tl_time from, tl_time until, tl_reading *reading);
 
 /* Reader, `at` ≤ `until`: sets *before to the newest reading with stamp ≤ `at`. Sets *after to the
@@ -69,14 +70,14 @@ bool tl_sample_buffer_from(const tl_sample_buffer *buffer, tl_time from, tl_time
 bool tl_sample_buffer_around(const tl_sample_buffer *buffer, tl_time at, tl_time until, tl_reading *before,
                              tl_reading *after);
 
-/* Reader of all readings in order: returns post number *next if it is still kept and has a stamp ≤
- * `until`. Otherwise returns the first such post among the next few. Sets *next to the number after
- * the returned post; start with 0. Returns false if there is none; *reading is then unchanged. */
+/* Reader, for all readings in order: gets post number *next if it is still kept and has a stamp ≤
+ * `until`; else the first such post among the next few. Sets *next to the number after that post;
+ * the caller starts with 0. Returns false if there is none; *reading is then unchanged. */
 bool tl_sample_buffer_next(const tl_sample_buffer *buffer, tl_time until, uint64_t *next, tl_reading *reading);
 
-/* Reader: returns the newest reading with stamp ≤ instant. If all kept readings are later and older
- *         ones were overwritten, returns the oldest kept one. Returns false if there is none;
- *         *reading is then unchanged. */
+/* Reader: gets the newest reading with stamp ≤ instant. If all kept readings are later and older
+ * ones were overwritten, gets the oldest kept one. Returns false if there is none; *reading is then
+ * unchanged. */
 bool tl_sample_buffer_at(const tl_sample_buffer *buffer, tl_time instant, tl_reading *reading);
 
 /* ---- The sample memory: the sample buffers of all signals of a configuration in one block.
@@ -95,18 +96,18 @@ bool tl_sample_buffer_at(const tl_sample_buffer *buffer, tl_time instant, tl_rea
 enum { TL_SAMPLE_BUFFERS_LEAST = 256, TL_SAMPLE_BUFFERS_MOST = 65536 }; /* limits of the depth */
 
 typedef struct tl_sample_buffers_shape {
-    size_t signals;
-    uint32_t depth[TL_MAX_SIGNALS]; /* powers of two */
-    size_t of[TL_MAX_SIGNALS];      /* index of the signal whose buffer it reads: its own, or an earlier one */
+    size_t signals;                 /* number of signals */
+    uint32_t depth[TL_MAX_SIGNALS]; /* of each buffer, readings; powers of two */
+    size_t of[TL_MAX_SIGNALS]; /* of each signal: index of the signal whose buffer is used, its own or an earlier one */
 } tl_sample_buffers_shape;
 
-/* Computes the depths for a live run. Each buffer has room for the readings of hang_s + 10 s at the
- * polling period of its source (period_s; CAN: 1 ms). The period counts as at most one step and at
- * least 1 ms. Call tl_config_use_lookups() before. */
+/* Computes the depths for a live run, within the limits above. Each buffer has room for the
+ * readings of hang_s + 10 s at the polling period of its source (period_s; CAN: 1 ms). The period
+ * counts as at most one step and at least 1 ms. Call tl_config_use_lookups() before. */
 void tl_sample_buffers_shape_of(const tl_config *config, tl_sample_buffers_shape *shape);
 
-/* Returns the time for which live readings should be kept, ns: hang_s + 10 s. A buffer keeps less
- * if these are more than TL_SAMPLE_BUFFERS_MOST readings. */
+/* Returns the time for which live readings should be kept, ns: hang_s + 10 s. A buffer keeps them
+ * for a shorter time if they are more than TL_SAMPLE_BUFFERS_MOST. */
 tl_time tl_sample_buffers_kept(const tl_config *config);
 
 /* Returns the size of the memory in bytes; never 0. */

@@ -13,8 +13,8 @@
 
 /* ---- Names of plants and of tokens.
  *
- * Purpose: a plant's name is the name of a folder, and an untrusted client can send any name. Only
- *          a name that cannot contain a path to another folder is valid.
+ * Purpose: a plant's name is the name of a folder, and an untrusted client can send any name. So a
+ *          name is valid only if it cannot be a path to another folder.
  * Thread:  pure.
  */
 
@@ -26,7 +26,7 @@ bool tl_plain_name(const char *name);
  *
  * Purpose: a hostile web page in a user's browser can direct its own host name to this box ("DNS
  *          rebinding"). But the browser then sends the page's host name in the Host header. So the
- *          Host of a request must be a name of this server.
+ *          server accepts only requests whose Host header has a name of this server.
  * Thread:  pure.
  */
 
@@ -38,9 +38,10 @@ typedef struct tl_host_names {
 /* Returns the machine's host name and `others`. The texts of `others` must outlive the result. */
 tl_host_names tl_host_names_of(const tl_option_list *others);
 
-/* Returns true if `host` is a name of this server. `host`: the header, with or without a port;
- * NULL: it is missing. `local`: the address to which the client connected, as text; it is also a
- * valid name. If it is a loopback address, "localhost" is valid too. */
+/* Returns true if `host` is a name of this server; upper and lower case are equal. `host`: value of
+ * the Host header, with or without a port; NULL: the header is missing. `local`: text of the
+ * address to which the client connected; it is also a valid name. If `local` is a loopback address,
+ * "localhost" is valid too. */
 bool tl_host_names_know(const tl_host_names *names, const char *host, const char *local);
 
 /* ---- Client addresses: for counting and as text.
@@ -50,22 +51,25 @@ bool tl_host_names_know(const tl_host_names *names, const char *host, const char
  * Thread:  pure.
  */
 
-enum { TL_ADDRESS_TEXT = 48 };
+enum { TL_ADDRESS_TEXT = 48 }; /* bytes of the text, with the NUL */
 
-/* An IPv4 address, also one mapped into IPv6, or an IPv6 network. */
+/* A complete IPv4 address, or an IPv6 network. An IPv4 address mapped into IPv6 counts as IPv4. */
 typedef struct tl_address {
-    unsigned char bytes[8]; /* of IPv4: four zeros before it */
+    unsigned char bytes[8]; /* IPv6: the first 8 bytes; IPv4: four zeros, then the address */
     bool is_ipv6;
 } tl_address;
 
+/* Returns zeros for other families. */
 tl_address tl_address_of(const struct sockaddr *socket);
+
+/* Returns true if both are equal. */
 bool tl_address_is(const tl_address *one, const tl_address *other);
 
-/* Writes "127.0.0.1" or "fe80::1", complete and without a port; "?" for other families. */
+/* Writes the complete address without a port: "127.0.0.1" or "fe80::1"; "?" for other families. */
 void tl_address_text(const struct sockaddr *socket, char text[TL_ADDRESS_TEXT]);
 
-/* Parses "127.0.0.1:8443" or "[::1]:8443", an address for listening. Returns false if it is
- * invalid. */
+/* Parses a numeric address with a port: "127.0.0.1:8443" or "[::1]:8443". Returns false if it is
+ * invalid, for example a host name. */
 bool tl_address_parse(const char *text, struct sockaddr_storage *socket, socklen_t *size);
 
 #endif

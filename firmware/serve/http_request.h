@@ -10,6 +10,7 @@
 
 #include "firmware/retune/control.h"
 
+/* Bytes with the NUL: of a target, and of the reason for a refusal. */
 enum { TL_HTTP_TARGET = 1024, TL_HTTP_SENTENCE = 256 };
 
 /* The statuses that this server sends. */
@@ -22,19 +23,19 @@ typedef enum tl_http_status {
     TL_HTTP_WRONG_METHOD = 405,
     TL_HTTP_CONFLICT = 409,
     TL_HTTP_LENGTH_REQUIRED = 411,
-    TL_HTTP_CHANGED = 412,
+    TL_HTTP_CHANGED = 412, /* If-Match does not name the active configuration */
     TL_HTTP_TOO_LARGE = 413,
     TL_HTTP_TARGET_TOO_LONG = 414,
-    TL_HTTP_MISDIRECTED = 421,
-    TL_HTTP_INVALID = 422,
-    TL_HTTP_MATCH_REQUIRED = 428,
+    TL_HTTP_MISDIRECTED = 421,    /* Host is not a name of this server */
+    TL_HTTP_INVALID = 422,        /* the configuration is invalid */
+    TL_HTTP_MATCH_REQUIRED = 428, /* If-Match is missing */
     TL_HTTP_TOO_MANY = 429,
     TL_HTTP_FAILED = 500,
     TL_HTTP_UNAVAILABLE = 503,
     TL_HTTP_TIMEOUT = 504
 } tl_http_status;
 
-/* Texts of the request; NULL: the header is missing. */
+/* Parts of the HTTP request, as text. Of a header: NULL if it is missing. */
 typedef struct tl_http_words {
     const char *method;
     const char *target; /* "/api/v1/plants/motor?x=1", not decoded */
@@ -46,9 +47,9 @@ typedef struct tl_http_words {
 
 typedef struct tl_http_request {
     bool wants_plants;           /* asks for the list of all plants; else `control` is the request */
-    bool is_change;              /* it may change something, so the audit logs it */
+    bool is_change;              /* the request may change something, so the audit logs it */
     char plant[TL_CONTROL_NAME]; /* "motor" */
-    size_t body;                 /* bytes of the body that follows; 0: none */
+    size_t body;                 /* announced bytes of the body; 0: none */
     tl_control_request control;  /* all fields but `right` and `who` */
 } tl_http_request;
 

@@ -1,4 +1,4 @@
-/* Main loop of the server: connections, requests and answers; logs who has requested a change.
+/* Main loop of the HTTPS server: connections, requests and answers; logs who requests a change.
  *
  * Thread:  the server's.
  */
@@ -15,18 +15,18 @@ typedef struct tl_server tl_server;
 /* The server copies the structure. All that it points to must stay valid until tl_server_close().
  */
 typedef struct tl_server_settings {
-    int listener;       /* a listening, nonblocking socket; the caller closes it */
+    int listener;       /* a listening, nonblocking socket; the caller closes it after tl_server_close() */
     const char *folder; /* of the plants' control sockets; by default TL_CONTROL_FOLDER */
     const char *tokens; /* path of the token file, which is read again when it has changed */
     const tl_certificate *certificate;
     const tl_host_names *names; /* of this server, for the Host header of requests (address.h) */
 } tl_server_settings;
 
-/* Starts the server. Returns TL_TRY_AGAIN if it cannot start: no memory or descriptors, or a
- * certificate that GnuTLS rejects. libmicrohttpd does not say which. */
+/* Starts the server. Errors: TL_TRY_AGAIN if memory or a descriptor is missing, or if GnuTLS
+ * rejects the certificate. libmicrohttpd does not report which of these it was. */
 tl_status tl_server_open(const tl_server_settings *settings, tl_server **server, tl_error *error);
 
-/* Waits for events and processes them. `longest_wait`: ns. Errors are logged. */
+/* Waits for events and processes them. `longest_wait`: ns, ≥ 0. Errors are logged. */
 void tl_server_turn(tl_server *server, tl_time longest_wait);
 
 /* Closes all connections and frees the server. NULL is allowed. */

@@ -20,7 +20,7 @@
  * Rule:    the first three wrong tokens cause no delay. After each further one the address must
  *          wait 1 s, 2 s, 4 s … 64 s. In this time the server checks no token from this address.
  *          Only ten minutes without a wrong token reset the count. A right token does not reset it:
- *          its owner could reset the count again and again while guessing other tokens.
+ *          otherwise its owner could guess other tokens without a delay.
  * Bound:   TL_TOKEN_DELAYS addresses. If the table is full, a new address replaces the one whose
  *          last wrong token is the oldest.
  * Thread:  one; times are monotonic.
@@ -52,7 +52,7 @@ void tl_token_delays_add(tl_token_delays *delays, const tl_address *address, tl_
  * File:    one line per token, "NAME ROLE SHA256 TIME"; TIME is that of its creation, UTC (ISO
  *          8601). Lines that begin with "#" are comments. The file is replaced as a whole. Only its
  *          owner and the group of its folder can read it; the server is in this group.
- * Search:  compares all tokens completely, so that its duration reveals nothing about a token.
+ * Search:  compares all tokens completely, so that the duration reveals nothing about a token.
  * Thread:  one.
  */
 
@@ -77,17 +77,17 @@ typedef struct tl_tokens {
  * occurs twice or there are more than TL_TOKENS; TL_TRY_AGAIN if the file cannot be read. */
 tl_status tl_tokens_read(const char *path, tl_tokens *tokens, tl_error *error);
 
-/* Writes the file. Errors: TL_TRY_AGAIN if it cannot be written; usually only root may do this. */
+/* Replaces the file; usually only root can do so. Errors: TL_TRY_AGAIN if it cannot be written. */
 tl_status tl_tokens_write(const char *path, const tl_tokens *tokens, tl_error *error);
 
-/* Returns the token with this secret, or NULL. It is valid as long as `tokens` is unchanged. */
+/* Returns the token with this secret, or NULL. The pointer is valid until `tokens` changes. */
 const tl_token *tl_tokens_find(const tl_tokens *tokens, const char *secret);
 
 /* Returns the index of the token with this name, or `count`. */
 size_t tl_tokens_named(const tl_tokens *tokens, const char *name);
 
-/* Generates 64 random hexadecimal digits. Errors: TL_TRY_AGAIN if the machine has no random bits
- * yet. */
+/* Generates 64 random hexadecimal digits. Waits if the kernel has no random bits yet, after a boot.
+ * Errors: TL_TRY_AGAIN if this wait is interrupted. */
 tl_status tl_token_make_secret(char secret[TL_TOKEN_SECRET], tl_error *error);
 
 #endif

@@ -3,9 +3,9 @@
  * Purpose: a device that answers more slowly than its period_s, or a sender that is slower than
  *          every_s, gives fewer readings. That changes no quality, so it is reported here: once per
  *          signal as an event, and at the end in the summary.
- * Counted: posts into the sample buffers, with or without a value. A signal whose configuration
- *          expects no rate (tl_config_interval()) is not counted, nor is a further look-up.
- * Bound:   O(1) per tick; O(signals) every TL_ARRIVALS_CHECK.
+ * Counted: posts into the sample buffers, with or without a value. A signal is not checked if its
+ *          configuration expects no rate (tl_config_interval()), or if it is a further look-up.
+ * Bound:   O(1) per tick; O(signals) every TL_ARRIVALS_CHECK (2 s).
  * Thread:  plain data; the thread of the cycle.
  */
 #ifndef TL_FIRMWARE_TWIN_ARRIVALS_H
@@ -21,23 +21,23 @@
 #define TL_ARRIVALS_CHECK (2 * TL_SECOND)
 enum { TL_ARRIVALS_LEAST = 20 };
 
-/* Fields are private. Zeroed: begins with the next check. */
+/* Fields are private. Zeroed: counting begins with the next check. */
 typedef struct tl_arrivals {
     tl_time begun;                  /* CLOCK_MONOTONIC; 0: not begun */
-    tl_time due;                    /* next check */
-    uint64_t first[TL_MAX_SIGNALS]; /* posts when it began */
-    tl_time since[TL_MAX_SIGNALS];  /* last check of a signal */
-    uint64_t posts[TL_MAX_SIGNALS]; /* posts at that time */
-    uint64_t reported;              /* bit of each signal that was reported */
+    tl_time due;                    /* instant of the next check */
+    uint64_t first[TL_MAX_SIGNALS]; /* posts of each signal at `begun` */
+    tl_time since[TL_MAX_SIGNALS];  /* last check of each signal */
+    uint64_t posts[TL_MAX_SIGNALS]; /* posts at that check */
+    uint64_t reported;              /* bit i: signal i was reported */
 } tl_arrivals;
 
-/* Call it at each tick. `now`: CLOCK_MONOTONIC. Reports a signal if fewer than three quarters of
- * its readings have come since its last check. The event has no tick, because a replay cannot
- * repeat it. */
+/* Call it at each tick. `now`: CLOCK_MONOTONIC. Reports a signal once, if fewer than three quarters
+ * of its expected readings have come since its last check. The event has no tick, because a replay
+ * cannot repeat it. */
 void tl_arrivals_check(tl_arrivals *self, const tl_plant_input *input, const tl_config *config, tl_journal *journal,
                        tl_time now);
 
-/* Sets `readings` and `expected` of the summary. */
+/* Sets `readings` and `expected` of the summary: counts from `begun` until `now`. */
 void tl_arrivals_sum_up(const tl_arrivals *self, const tl_plant_input *input, const tl_config *config, tl_time now,
                         tl_summary *summary);
 

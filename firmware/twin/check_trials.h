@@ -25,14 +25,14 @@ typedef enum tl_other_method_kind {
     TL_OTHER_METHOD_NOT_SOUGHT, /* nothing to report */
     TL_OTHER_METHOD_UNKNOWN,    /* the trial failed; `text` gives the reason */
     TL_OTHER_METHOD_NONE,       /* `auto` finds no exact method either */
-    TL_OTHER_METHOD_FOUND
+    TL_OTHER_METHOD_FOUND       /* `auto` finds the exact method in `way` */
 } tl_other_method_kind;
 
 /* Result for one component. */
 typedef struct tl_other_method {
     tl_other_method_kind kind;
     tl_component_method way;  /* only for TL_OTHER_METHOD_FOUND */
-    uint32_t replay_steps;    /* limit of a rollback by replay, in steps */
+    uint32_t replay_steps;    /* configured limit: replay works only so many steps after the start */
     char text[TL_ERROR_TEXT]; /* only for TL_OTHER_METHOD_UNKNOWN */
 } tl_other_method;
 
@@ -51,11 +51,11 @@ void tl_other_method_describe(const tl_other_method *other, char text[TL_OTHER_M
  * a process of their own.
  *
  * Purpose: one process runs both twins (twin_trial.h). If they differ, another process repeats the
- *          first twin alone.
- *          An FMU that differs from itself when alone is *not deterministic*.
- *          An FMU that differs only beside another instance is *one per process*, even if its
- *          modelDescription.xml permits several instances. So is an FMU whose second instance
- *          crashes, never returns or is rejected.
+ *          first twin alone. An FMU whose values differ when the first twin is repeated is *not
+ *          deterministic*. So is an FMU that fails in the first twin, because it did not fail in
+ *          the check before. An FMU that differs only beside another instance is *one per process*,
+ *          even if its modelDescription.xml permits several instances. So is an FMU whose second
+ *          instance crashes, never returns or is rejected.
  * Bound:   TL_PAIR_STEPS and TL_PAIR_LONGEST (twin_trial.h).
  */
 

@@ -6,15 +6,15 @@
  *          read them. If another process cannot load the saved states of an FMU, nothing is saved.
  * When:    after the first tick, which also measures the cost. Then every 10 s of plant time, or
  *          every 2000 ticks if that is shorter. After a reset of the FMUs, as soon as there is
- *          time. If a due checkpoint does not fit into the budget, the next tick tries again; after
- *          three more intervals an event reports it once. If an FMU cannot serialise its state, or
- *          if the first save takes longer than the budget of a step, an event reports it and
- *          nothing is saved any more. A restart then repeats the newest inputs, which the record
- *          queue keeps for this purpose.
- * Shadow:  a shadow measures the cost after a tick that has time left. The run of a shadow begins
+ *          time. If a due checkpoint does not fit into the budget, the next tick tries again. After
+ *          three more intervals an event reports this once.
+ * Off:     nothing is saved any more if an FMU cannot serialise its state, if the first save takes
+ *          longer than the budget of a step, or if the state becomes too large. An event reports
+ *          it. A restart then repeats the newest inputs, which the record queue keeps for this.
+ * Shadow:  a shadow first measures the cost, after one of its ticks. The run of a shadow begins
  *          with its first checkpoint.
  * Thread:  the cycle's.
- * Memory:  allocated after the first tick.
+ * Memory:  in the record queue; reserved after the first tick.
  * Errors:  none are returned; a failure is an event.
  */
 #ifndef TL_FIRMWARE_TWIN_CHECKPOINTER_H
@@ -35,15 +35,15 @@ typedef struct tl_checkpointer {
     int64_t interval;  /* ticks */
     int64_t next;      /* tick after which the next checkpoint is due */
     tl_time cost;      /* ns, as measured last */
-    tl_time least;     /* ns, lowest measured; used if a checkpoint is late: one slow save must not prevent the next */
+    tl_time least;     /* ns, lowest cost; counts once a checkpoint is late: one slow save must not block all others */
     bool is_ready;     /* memory is allocated and the cost is known */
-    bool only_marks;   /* nothing can be saved: only moves the tick from which the record queue keeps inputs */
+    bool only_marks;   /* nothing can be saved: puts empty checkpoints, from which the record queue keeps inputs */
     bool is_off;       /* record.resume_s is 0: this run is never resumed */
     bool has_reported; /* the event about a late checkpoint */
 } tl_checkpointer;
 
-/* Bytes to reserve for each checkpoint of a twin that takes `size` bytes now. More than `size`,
- * because it may grow. */
+/* Bytes to reserve for each checkpoint of a twin that takes `size` bytes now: twice that, because
+ * its state may grow. */
 size_t tl_checkpointer_room(size_t size);
 
 /* `readable`: false if another process cannot load the serialised states of these FMUs. The twin of
@@ -65,9 +65,9 @@ void tl_checkpointer_after(tl_checkpointer *self, int64_t tick, const tl_budget 
  * tl_checkpointer_after(). */
 void tl_checkpointer_rehearse(tl_checkpointer *self, const tl_budget *budget);
 
-/* Saves the twin into the record queue's memory if that is expected to take less than `left` ns.
- * *size: bytes. Returns false if nothing was saved: no time, the cost is not measured yet, or
- * saving is not possible at this tick. */
+/* Saves the twin into the record queue's memory if that is expected to take less than `left` ns;
+ * tl_checkpointer_put() must follow. *size: bytes. Returns false if nothing was saved: no time, the
+ * cost is not measured yet, or saving is not possible at this tick. */
 bool tl_checkpointer_save(tl_checkpointer *self, tl_time left, size_t *size);
 
 /* Enqueues the bytes of the last tl_checkpointer_save() as a checkpoint: the state of the twin

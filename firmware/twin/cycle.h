@@ -1,6 +1,6 @@
 /* Cycle of a live run: reads the plant, steps the twin, applies tunings, and performs handovers.
  *
- * Thread:  the cycle's, unless a function names another one.
+ * Thread:  each section says which.
  * Errors:  start and stop return them; during the run they are events.
  */
 #ifndef TL_FIRMWARE_TWIN_CYCLE_H
@@ -21,9 +21,9 @@
 
 /* ---- Real-time scheduling if it is permitted, else ordinary scheduling.
  *
- * Purpose: SCHED_FIFO for the cycle thread, and locked memory so that no page fault delays it. If
- *          one is not permitted, the run continues. Only after the first missed tick or deadline,
- *          an event reports this as a possible cause, with the remedy.
+ * Purpose: SCHED_FIFO for the FMU thread, and locked memory so that no page fault delays it. If one
+ *          is not permitted, the run continues. The first missed tick or deadline then causes an
+ *          event with the missing permission as possible cause, and the remedy.
  */
 
 /* Features that are configured but were not permitted. Zeroed: none. */
@@ -32,8 +32,8 @@ typedef struct tl_realtime_missing {
     bool priority;  /* SCHED_FIFO was not permitted */
 } tl_realtime_missing;
 
-/* mlockall: locks the present mappings, and future ones if RLIMIT_MEMLOCK is unlimited. Returns 0
- * or errno. */
+/* Calls mlockall(): locks the present mappings, and future ones if RLIMIT_MEMLOCK is unlimited.
+ * Returns 0 or errno. */
 int tl_realtime_lock_memory(void);
 
 /* ---- Real-time cycle: the FMU thread wakes up at absolute instants, takes a sample, and steps the
@@ -42,33 +42,34 @@ int tl_realtime_lock_memory(void);
  * Purpose: main loop of `twinlock run`. It never blocks: it reads samples from sample buffers and
  *          writes records to the record queue.
  * Ticks:   tick m is due at t_start + m·T_S (CLOCK_MONOTONIC). A tick is skipped if its whole
- *          period has passed before it could begin. The twin catches it up within the time budget
- *          of a later tick, so that model time stays plant time. It then uses the sample of the
- *          skipped instant, and nominal plus the last Δu (a Boolean: the last u), without a search.
- *          The counts include only ticks at which a step was due: ticks = steps + skipped.
- * Tunings: the cycle checks for one at the start of each tick. A new tuning applies from the next
- *          tick that is computed, which may be a skipped one. Without a new tuning the check costs
- *          one load and no system call. If the record queue has no room for a tuning, the cycle
- *          retries at the next tick: a tuning takes effect only once it is recorded.
+ *          period has passed before it could begin. The twin catches up skipped ticks within the
+ *          time budget of later ticks, so that model time stays plant time. For each it uses the
+ *          sample of the skipped instant, and nominal plus the last Δu (a Boolean: the last u),
+ *          without a search. Only ticks at which a step was due count: ticks = steps + skipped.
+ * Tunings: the cycle checks for a new tuning at the start of each tick. It applies from the next
+ *          tick that is computed, which may be a skipped one. If the record queue has no room for
+ *          it, the cycle retries at the next tick, because each applied tuning must be recorded.
+ *          Without a new tuning the check makes no system call.
  * Shadow:  a cycle computes the live twin, or a shadow in the other slot (handover.h). A shadow
  *          begins its ticks a quarter of a step later. It enqueues no records, and its events are
- *          only logged. At a handover the two swap roles. Before that, at the first tick with time
- *          for it, the shadow saves a checkpoint and begins its run. It then drops all state that
- *          the checkpoint does not contain, so that a replay repeats the run. It records its ticks
- *          from there on, because a resumed twin repeats them. The live twin computes all ticks
- *          before the handover, ends its run, and becomes the shadow. Both reset their counts to 0.
- * Thread:  start and stop from one thread; status from any. The caller gives the FMU thread the
- *          configured real-time priority between start and stop, and an ordinary priority while
- *          FMUs are loaded and freed.
+ *          only logged. At a handover the two swap roles. After the announcement, at the first tick
+ *          with time for it, the shadow saves a checkpoint and begins its run. It then drops all
+ *          state that the checkpoint does not contain, so that a replay repeats the run. It records
+ *          its ticks from there on, because a resumed twin repeats them. The live twin computes all
+ *          ticks before the handover, ends its run, and becomes the shadow. Both reset their counts
+ *          to 0.
+ * Thread:  the cycle runs in the FMU thread. Call start and stop from one other thread, status from
+ *          any. The caller gives the FMU thread the configured real-time priority between start and
+ *          stop, and an ordinary priority while FMUs are loaded and freed.
  */
 
 typedef struct tl_cycle tl_cycle;
 
 /* Slot and first role of a cycle. Zeroed: there is one slot, with the live twin. */
 typedef struct tl_cycle_position {
-    const tl_handover *handover_block; /* handover block; NULL: there are no handovers */
+    const tl_handover *handover_block; /* NULL: there are no handovers */
     uint32_t slot_index;
-    uint32_t handovers; /* number of the last handover before this cycle, which it ignores */
+    uint32_t handovers; /* number of the newest handover at the start; only later ones are performed */
     uint32_t
         *handed_over; /* receives the number of the newest handover completed here; required with a handover block */
     bool is_shadow;
@@ -88,12 +89,12 @@ typedef struct tl_cycle_settings {
     tl_live_tuning_answer *answer; /* receives the cycle's answer to a tuning; NULL if `tuning` is NULL */
     tl_cycle_position slot_index;
     tl_realtime_missing missing;
-    bool unreadable;    /* no process can load the saved states of these FMUs, so no checkpoint is saved */
-    tl_summary resumed; /* what was done before the first tick of a resumed run; else zeroes */
+    bool unreadable;    /* no other process can load the saved states of these FMUs: save no checkpoint */
+    tl_summary resumed; /* of a resumed run: from tl_resume_follow(); else zeros */
 } tl_cycle_settings;
 
-/* State of the cycle, for the status line and for a comparison of both twins. Counts begin at the
- * start or at the last change of role. Those of a shadow begin when it has caught up with the plant
+/* State of the cycle, for the status line and for a comparison of both twins. Counts are 0 at the
+ * start and after a change of role. Those of a shadow restart once it has caught up with the plant
  * for the first time. The size fits into a tl_latest (os.h). */
 typedef struct tl_cycle_status {
     bool is_shadow;
@@ -107,27 +108,27 @@ typedef struct tl_cycle_status {
     uint64_t evaluations;
     uint64_t executions;
     uint64_t timed_out;        /* steps whose search was cut short by the time budget */
-    tl_time used, late;        /* ns in all steps; by which their ticks began late */
-    bool ended;                /* the configured duration is over, or the twin failed */
+    tl_time used, late;        /* sums, ns: computing time of all steps; delay of the starts of ticks */
+    bool ended;                /* the cycle has ended: duration over, twin failed, or stop requested */
     tl_record record;          /* the newest record */
     tl_lock_tally lock;        /* state "free" until the lock monitor has decided */
     tl_lock_tally lock_before; /* the same with the lock tolerances of the version that a probation may roll back to */
     tl_run_adjusted adjust[TL_MAX_ADJUST];
-    tl_metrics match[TL_MAX_MATCH]; /* one per matched output; the last member, because only these are published */
+    tl_metrics match[TL_MAX_MATCH]; /* one per matched output; last member, because unused elements are not published */
 } tl_cycle_status;
 
 /* Starts the cycle. A new live run begins in the record queue, and its tick 0 is due one period
  * from now. A resumed twin keeps t_start of the earlier run and continues with its next tick; all
  * ticks since then count as missed. Settings are copied; all that they point to must outlive the
- * cycle. */
+ * cycle. Errors: TL_TRY_AGAIN. */
 tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl_error *error);
 
-/* Copies the newest status without waiting. Returns false if none could be read. */
+/* Copies the newest status without waiting. Returns false if it was being written: retry later. */
 bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status);
 
-/* Stops the cycle within at most one period, fills the summary, and frees the cycle. *has_run: a
- * run of this cycle is in the record queue and has not ended there. Returns the status of the
- * twin's last step, or TL_OK if the stop was requested. */
+/* Stops the cycle after its present tick, fills the summary, and frees the cycle. *has_run: the
+ * record queue has a run of this cycle that was not ended there; the caller must end it. Returns
+ * the status of the twin's last step: TL_OK, or the error that has ended the cycle. */
 tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_error *error);
 
 enum { TL_STATUS_LINE = 78 }; /* bytes with the NUL: a line of a terminal, with room for "^C" */
@@ -152,11 +153,11 @@ typedef struct tl_safe_hold_settings {
         *cycle; /* of the cycle that does not run: configuration, plant, record queue, journal, heartbeats */
     tl_thread_heartbeat *heartbeat; /* of this thread */
     tl_time time;                   /* ns from the start of safe hold until the supervisor retries the twin */
-    unsigned missing;               /* starts in a row that made no new process; 0: the twin itself failed */
-    unsigned failures;              /* number of failures in this loop */
+    unsigned missing;               /* failed attempts in a row to start a process; 0: the twin itself failed */
+    unsigned failures;              /* failures of the twin in this restart loop */
     const char *reason;             /* reason of the last failure */
     bool records;                   /* a recorder reads the record queue */
-    tl_time since; /* 0: after a restart loop; else the saved states are being tested: samples from then on */
+    tl_time since; /* 0: after a restart loop. Else saved states are being tested: CLOCK_MONOTONIC of tick 0 */
 } tl_safe_hold_settings;
 
 /* Runs safe hold. Returns after a signal to terminate. */

@@ -47,19 +47,19 @@ typedef enum tl_live_shadow { TL_LIVE_SHADOW_NONE, TL_LIVE_SHADOW_RUNS, TL_LIVE_
 
 /* Zeroed at first: the live twin is in slot 0, no handover was announced. */
 typedef struct tl_handover {
-    uint32_t slot_index;       /* slot of the live twin */
+    uint32_t slot_index;       /* slot of the live twin, 0 or 1 */
     uint32_t order;            /* number of the newest order that was processed */
-    uint32_t shadow;           /* result of that order, a tl_live_shadow: state of the twin in the other slot */
+    uint32_t shadow;           /* tl_live_shadow: state of the twin in the other slot after that order */
     char why[TL_HANDOVER_WHY]; /* why the shadow ended or could not start; written before `shadow` */
     uint32_t handovers;        /* number of the newest announced handover; written last; 0: none */
-    uint32_t to;               /* slot of the live twin after it */
-    int64_t tick;              /* first tick of that twin */
+    uint32_t to;               /* slot of the live twin after that handover */
+    int64_t tick;              /* first tick of that twin as the live one */
     uint32_t again;            /* 1: all twins end, and a new run begins with another configuration */
     tl_latest failure;         /* why the last live twin ended: a text of TL_HANDOVER_WHY bytes */
 } tl_handover;
 
-/* Reads the newest handover. Returns false if its number is `seen` (this costs one relaxed load),
- * or if `to` is not a slot. */
+/* Reads the newest announced handover. `seen`: number of the newest one that the caller knows.
+ * Returns false if there is no newer one, or if `to` is not a slot. */
 static inline bool tl_handover_read(const tl_handover *handover_block, uint32_t seen, uint32_t *number, uint32_t *to,
                                     int64_t *tick) {
     if (__atomic_load_n(&handover_block->handovers, __ATOMIC_RELAXED) == seen) {
@@ -71,7 +71,8 @@ static inline bool tl_handover_read(const tl_handover *handover_block, uint32_t 
     return *to < TL_TWIN_SLOTS;
 }
 
-/* How long before its tick a handover is announced, ns: 5 steps, at least 0.25 s. `step`: T_S. */
+/* Returns how long before its tick a handover is announced, ns: 5 steps, at least 0.25 s. `step`:
+ * T_S, ns. */
 static inline tl_time tl_handover_ahead(tl_time step) {
     const tl_time least = TL_SECOND / 4;
     return 5 * step > least ? 5 * step : least;
@@ -81,7 +82,7 @@ static inline tl_time tl_handover_ahead(tl_time step) {
 
 typedef enum tl_live_verb {
     TL_LIVE_NO_SHADOW, /* terminate the twin in the other slot */
-    TL_LIVE_SHADOW,    /* start a twin with the candidate configuration there */
+    TL_LIVE_SHADOW,    /* start a twin with the candidate configuration in the other slot */
     TL_LIVE_HAND_OVER, /* make the shadow the live twin */
     TL_LIVE_VERBS
 } tl_live_verb;
@@ -89,13 +90,13 @@ typedef enum tl_live_verb {
 /* Sizes of a configuration, to allocate memory for its twin. A worker that has parsed the
  * configuration computes them; they are untrusted, so the reader must check their bounds. */
 typedef struct tl_live_needs {
-    uint32_t match, adjust, components; /* components: without the plant */
+    uint32_t match, adjust, components; /* numbers of matched outputs, adjusted variables, FMU components */
     uint32_t unconfined;                /* 1: FMUs run without confinement, with the user's rights */
     uint64_t unpacked_bytes;            /* upper limit for all FMU files together (twin_process.h) */
     uint32_t signals;                   /* signals of the plant, including further look-ups (tl_config_use_lookups()) */
 } tl_live_needs;
 
-/* A new order has a new number, which is written last. */
+/* Order to the supervisor. A new order has a new number, which is written last. */
 typedef struct tl_live_order {
     uint32_t number;
     uint32_t verb; /* tl_live_verb */
@@ -105,8 +106,8 @@ typedef struct tl_live_order {
 /* Candidate configuration, in a block of its own. Written before its order, and not changed until
  * that order is processed. */
 typedef struct tl_live_candidate {
-    uint32_t size;             /* bytes of the text */
-    char hash[TL_SHA256_TEXT]; /* of the text */
+    uint32_t size;             /* bytes of the text, without its NUL */
+    char hash[TL_SHA256_TEXT]; /* SHA-256 of the text */
     char text[TL_CONFIG_MAX_BYTES + 1];
 } tl_live_candidate;
 

@@ -2,7 +2,7 @@
  *
  * Purpose: the config manager writes the block. The twin's cycle checks the number at the start of
  *          each tick and applies a new tuning; the recorder stores the text. Each reports the
- *          result in its own status block: tl_live_tuning_answer, and
+ *          result in its own status block: the twin a tl_live_tuning_answer, the recorder
  *          tl_recorder_state_get().tuning. If the next tuning is written before both have answered,
  *          the recorder's answer to the earlier one is lost.
  * Numbers: 0: no tuning yet. Even: the block is complete. Odd: a write is in progress, or the
@@ -35,23 +35,23 @@ enum { TL_LIVE_TUNING_WHO = 64, TL_LIVE_TUNING_ORIGIN = 16, TL_LIVE_TUNING_WHY =
  * arrays. */
 typedef struct tl_live_tuning_head {
     uint32_t number;
-    uint32_t size;             /* bytes of the text */
-    char hash[TL_SHA256_TEXT]; /* of the text */
-    char who[TL_LIVE_TUNING_WHO];
-    char origin[TL_LIVE_TUNING_ORIGIN]; /* how the change arrived */
-    char why[TL_LIVE_TUNING_WHY];
-    tl_tuning tuning; /* of the configuration */
+    uint32_t size;                      /* bytes of the text, without its NUL */
+    char hash[TL_SHA256_TEXT];          /* SHA-256 of the text */
+    char who[TL_LIVE_TUNING_WHO];       /* name of the user who made the change */
+    char origin[TL_LIVE_TUNING_ORIGIN]; /* how the change arrived, for example over the network */
+    char why[TL_LIVE_TUNING_WHY];       /* the user's reason */
+    tl_tuning tuning;                   /* tuning values of the configuration */
 } tl_live_tuning_head;
 
 typedef struct tl_live_tuning {
     tl_live_tuning_head head;
-    tl_latest tolerances;               /* a tl_lock_tolerances: second set, for a second lock monitor; zeroed: none */
-    char text[TL_CONFIG_MAX_BYTES + 8]; /* size in whole words; terminated by NUL */
+    tl_latest tolerances;               /* a tl_lock_tolerances, for the second lock monitor; zeroed: none */
+    char text[TL_CONFIG_MAX_BYTES + 8]; /* text of the configuration with NUL; copied in 8-byte words */
 } tl_live_tuning;
 
 /* The twin's answer to the newest tuning that it has processed. */
 typedef struct tl_live_tuning_answer {
-    uint32_t number;         /* its number; 0: none so far */
+    uint32_t number;         /* of that tuning; 0: none so far */
     uint32_t refused;        /* 1: the tuning was rejected */
     int64_t tick;            /* first tick with this tuning */
     char why[TL_ERROR_TEXT]; /* why it was rejected */
@@ -59,15 +59,14 @@ typedef struct tl_live_tuning_answer {
 
 /* ---- writer ---- */
 
-/* Writes the next tuning and returns its number. head->number is ignored. Size and hash of the head
- * are those of the text, which has at most TL_CONFIG_MAX_BYTES bytes. */
+/* Writes the next tuning and returns its number. head->number is ignored. head->size and head->hash
+ * must be those of the text, which has at most TL_CONFIG_MAX_BYTES bytes. */
 uint32_t tl_live_tuning_write(tl_live_tuning *block, const tl_live_tuning_head *head, const char *text);
 
-/* Invalidates the present tuning: its number becomes odd. The next tuning gets a number above
- * `number`. */
+/* Invalidates the present tuning: its number becomes odd. The next number is above `number`. */
 void tl_live_tuning_skip(tl_live_tuning *block, uint32_t number);
 
-/* Copies the twin's answer to tuning `number`. Returns false if it has not answered yet. */
+/* Copies the twin's answer to tuning `number`. Returns false if its newest answer is to another. */
 bool tl_live_tuning_answered(const tl_live_tuning_answer *answer, uint32_t number, tl_live_tuning_answer *copy);
 
 /* ---- readers ---- */
@@ -86,8 +85,8 @@ tl_status tl_live_tuning_read(const tl_live_tuning *block, tl_live_tuning_head *
 tl_status tl_live_tuning_read_text(const tl_live_tuning *block, tl_live_tuning_head *head,
                                    char text[TL_CONFIG_MAX_BYTES + 1], tl_error *error);
 
-/* Makes the pages that hold only text inaccessible (mprotect), for a process that locks its memory
- * and does not need the text. */
+/* Makes the pages that contain only text inaccessible (mprotect). For a process that locks its
+ * memory and does not read the text: the kernel then allocates no pages for it. */
 void tl_live_tuning_hide_text(const tl_block *block);
 
 /* ---- twin ---- */

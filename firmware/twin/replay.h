@@ -25,7 +25,7 @@
 
 /* ---- The report that `replay --report` writes.
  *
- * Purpose: passes the configuration, the twin's account and the summary to html_report.h.
+ * Purpose: creates an HTML page (html_report.h) from configuration, twin's account and summary.
  * Thread:  one thread.
  */
 
@@ -40,15 +40,15 @@ typedef struct tl_replay_report {
     double tolerance[TL_MAX_MATCH];
 } tl_replay_report;
 
-/* Creates the file (os.h), so that a path that cannot be written fails before the run. The report
- * must be zeroed. Each event of the journal becomes an event of the report. Configuration, account
- * and the name of the recording must outlive the report. After the report is closed, the journal
- * must receive no event. */
+/* Creates the file `path` under a temporary name (os.h), so that a path that cannot be written
+ * fails before the run. The report must be zeroed. Each event of the journal becomes an event of
+ * the report. `recording`: name of the recording. Configuration, account and that name must outlive
+ * the report. After the report is closed, the journal must receive no event. */
 tl_status tl_replay_report_open(tl_replay_report *report, const tl_config *config, const tl_account *account,
                                 const char *path, const char *recording, tl_journal *journal, tl_error *error);
 
-/* Writes the page with the present account, and gives the file its final name. `ended`: why the run
- * ended, in words. */
+/* Writes the page with the present account, and gives the file its final name. `changes`: findings
+ * of the change detector. `ended`: why the run ended, in words. */
 tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const tl_run_changes *changes,
                                 const char *ended, tl_error *error);
 
@@ -57,13 +57,13 @@ void tl_replay_report_close(tl_replay_report *report);
 
 /* ---- Replay: feeds a recording to the twin, as fast as possible or in real time.
  *
- * Purpose: the loop of `twinlock replay`. Time budgets are ignored, so that the results repeat to
- *          the bit.
+ * Purpose: the loop of `twinlock replay`. Time budgets are ignored, so that each replay gives the
+ *          same results, to the bit.
  * Thread:  the caller's.
  */
 
 typedef struct tl_replay {
-    tl_config *config;         /* receives the recording's tunings when they take effect */
+    tl_config *config;         /* each recorded tuning is stored here at its tick */
     const tl_account *account; /* of the built twin */
     tl_recording *recording;
     tl_twin_feed *feed;    /* of this recording; must have TL_ATTACHED_COUNTS (twin_step.h) if `recorder` is not NULL */
@@ -71,18 +71,17 @@ typedef struct tl_replay {
     tl_watch *watch;       /* reports events as in a live run */
     tl_lock_monitor *lock_monitor;
     tl_change_detector *detector; /* NULL: none */
-    FILE *trajectory;             /* NULL: none */
+    FILE *trajectory;             /* receives a row per step (tl_trajectory_add()); NULL: none */
     tl_html_report *page;         /* NULL: none */
-    bool realtime;
+    bool realtime;                /* each tick waits for its instant; the feed must then be paced */
 } tl_replay;
 
-/* Checks a recording of a resumed run: whether its replay can start from the same state as the run.
- * Errors: TL_BAD_DATA if the run had other FMUs, or a checkpoint of another version of this
- * program. */
+/* Checks whether the replay of a resumed run can start from the same state as the run. Errors:
+ * TL_BAD_DATA if the run had other FMUs, or a checkpoint of another program version or machine. */
 tl_status tl_replay_check(const tl_config *config, const tl_recording_beginning *beginning, tl_error *error);
 
-/* Runs to the end of the recording, to the configured duration, or until interrupted
- * (TL_INTERRUPTED). The summary holds what was done. */
+/* Runs to the end of the recording or of the configured duration. Fills the summary in any case.
+ * Errors: TL_INTERRUPTED; TL_BAD_DATA: too short for a step; those of tl_twin_feed_next(). */
 tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *error);
 
 #endif

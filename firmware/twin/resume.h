@@ -25,23 +25,23 @@
 
 /* ---- Rule: when a run is resumed, for all sources.
  *
- * Rule:    resumes the newest run that computed at least one step beyond the ticks that it followed
- *          itself. The run must not have ended regularly or with an error. Its last tick must be at
- *          most `record.resume_s` ago, and a part of its duration must remain.
+ * Rule:    only the newest run with a step of its own can be resumed: a step after the ticks that
+ *          it had followed. It must have been interrupted: by a signal, a crash or a power failure.
+ *          Its last tick must be at most `record.resume_s` ago, and its duration must not be over.
  * Result:  false if the rule forbids it; then `why` is the text for an event.
  * Thread:  any: the functions are pure.
  */
 
 enum {
     TL_RESUME_WHY = 160,
-    TL_RESUME_FRUITLESS = 3 /* maximum number of restarts in a row without a new tick */
+    TL_RESUME_FRUITLESS = 3 /* after so many runs in a row without a step of their own, no run is resumed */
 };
 
-/* Writes the reason to `why` and returns false. */
+/* Formats the reason into `why`. Always returns false. */
 bool tl_resume_refuse(char why[TL_RESUME_WHY], const char *format, ...) TL_PRINTF(2, 3);
 
-/* `reason`: end reason of the run; NULL: the run did not end. Returns false if the run was complete
- * or failed, because a resumed one would end in the same way. */
+/* `run`: number of the run, for `why`; negative: it has none. `reason`: its recorded end reason;
+ * NULL: none. Returns false if the run was complete or failed: a resumed run would end likewise. */
 bool tl_resume_was_interrupted(int64_t run, const char *reason, char why[TL_RESUME_WHY]);
 
 /* `gap`: ns since the last tick `last` of the run. `lead`: step i is computed at tick i + lead.
@@ -50,15 +50,14 @@ bool tl_resume_is_in_time(int64_t run, const tl_config *config, int64_t last, tl
                           char why[TL_RESUME_WHY]);
 
 /* Number of ticks that can be followed within 0.5 s, 1 … TL_RESUME_TICKS. `execution`: ns of one
- * execution of a component; 0: unknown. */
+ * step of one component; 0: unknown, then TL_RESUME_TICKS. `components`: their number. */
 int64_t tl_resume_most_followed(tl_time execution, size_t components);
 
 /* ---- Packed ticks: the plant's samples and the committed u that a new twin follows.
  *
  * Purpose: compact form in an image. A packed tick of two signals needs 1/30 of a tl_resume_tick.
- * Format:  one byte (does the tick have u, were the FMUs reset before its step), the signals
- *          (recorder_entry.h) with stamps relative to t_start, and u. Private to program and
- *          machine. No alignment is needed.
+ * Format:  one byte with `has_u` and `resets`; the signals (recorder_entry.h) with stamps relative
+ *          to t_start; u. Only the same program on the same machine can read it. No alignment.
  * Trust:   tl_resume_read() validates packed bytes; tl_resume_tick_at() trusts them.
  * Owner:   a list owns its memory until tl_resume_ticks_free().
  */
@@ -68,7 +67,7 @@ int64_t tl_resume_most_followed(tl_time execution, size_t components);
 
 typedef struct tl_resume_tick {
     tl_sample sample;        /* signals that the shape does not contain have quality TL_NO_LINK */
-    bool has_u;              /* false for the first ticks of a run */
+    bool has_u;              /* a step with u was computed; false for the first ticks of a run */
     bool resets;             /* the FMUs were reset before its step (TL_FLAG_RESET) */
     double u[TL_MAX_ADJUST]; /* zeros if there is none */
 } tl_resume_tick;
@@ -78,7 +77,7 @@ size_t tl_resume_tick_bytes(const tl_recorder_shape *shape);
 
 /* ---- list of packed ticks, to write an image ---- */
 
-/* Empty if all is zero except the shape. */
+/* The caller sets `shape` and zeroes the other fields: an empty list. */
 typedef struct tl_resume_ticks {
     tl_recorder_shape shape;
     int64_t first; /* tick of the first entry */
@@ -87,21 +86,21 @@ typedef struct tl_resume_ticks {
     unsigned char *bytes; /* count · tl_resume_tick_bytes() are used */
 } tl_resume_ticks;
 
-/* Empties the list. The next tick to be added is `first`. */
+/* Empties the list and keeps its memory. The next tick to be added is `first`. */
 void tl_resume_ticks_begin(tl_resume_ticks *ticks, int64_t first);
 void tl_resume_ticks_free(tl_resume_ticks *ticks);
 
-/* Adds the next tick, without u. Stamps are relative to t_start. Returns false if memory is out. */
+/* Adds the next tick, without u. Stamps must be relative to t_start. Returns false if memory is
+ * out. */
 bool tl_resume_ticks_add(tl_resume_ticks *ticks, const tl_sample *sample);
 
-/* Empties the list and reads the recorded ticks of a run from `from` on, up to a gap, at most
- * `most`. Adds u if the run has as many adjusted variables as the shape. Errors: those of
- * history.h. */
+/* Empties the list and reads the recorded ticks of a run: from tick `from` up to a gap, at most
+ * `most` ticks. Adds u if the run has as many adjusted variables as the shape. Errors: those of
+ * history.h; TL_TRY_AGAIN if memory is out. */
 tl_status tl_resume_ticks_read(tl_resume_ticks *ticks, tl_history *history, const tl_history_run *run, int64_t from,
                                int64_t most, tl_error *error);
 
-/* Sets u of a tick in the list, and whether the FMUs were reset before its step. Other ticks are
- * ignored. */
+/* Sets `u`, `resets` and `has_u` = true of a tick. Ignores a tick that is not in the list. */
 void tl_resume_ticks_set_step(tl_resume_ticks *ticks, int64_t tick, const double *u, bool resets);
 
 /* Returns the last tick that can be followed from `first` on. `first` is in the list, or is the
@@ -111,17 +110,16 @@ int64_t tl_resume_ticks_last(const tl_resume_ticks *ticks, int64_t first);
 
 /* ---- Resume point: all data from which a new twin resumes, as plain data in one block of memory.
  *
- * Purpose: resumes a run that was ended by a kill, a crash, a restart or a reboot. The new twin
- *          starts from a checkpoint, or from the FMUs' start values, and follows the samples and
- *          the u of that run. Another process than the twin's may search for these data, in a
- *          database or in the record queue of a dead process.
+ * Purpose: the new twin starts from a checkpoint, or from the FMUs' start values, and follows the
+ *          samples and the u of the earlier run. The data come from a database or from the record
+ *          queue of a dead process. A process other than the twin's may find them.
  * Image:   a resume point as bytes without pointers, at most TL_RESUME_MOST: head, checkpoint,
  *          tunings, packed ticks. Valid only for the same program and machine.
- * Samples: an image of the present run, for a shadow, contains only ticks without u
- *          (from = TL_RESUMED_NOT).
- * Trust:   an image is untrusted; tl_resume_read() validates all of it. It must not change
- *          afterwards. If another process can write the memory of an image, the reader waits until
- *          that process reports the image as complete. Then it reads a copy.
+ * Samples: an image for a shadow has only samples of the present run, no u; `from` is
+ *          TL_RESUMED_NOT.
+ * Trust:   an image is untrusted; tl_resume_read() validates all of it. The image must not change
+ *          afterwards. If another process can write to its memory, the reader must wait until that
+ *          process reports the image as complete, and then read a copy.
  * Owner:   a resume point refers to its image, or to the memory that its source names.
  * Thread:  any: plain data.
  */
@@ -129,7 +127,7 @@ int64_t tl_resume_ticks_last(const tl_resume_ticks *ticks, int64_t first);
 enum {
     TL_RESUME_TICKS = 5000, /* maximum number of ticks to follow; the recorder needs about 0.1 ms for each */
     TL_RESUME_TUNINGS = 16, /* maximum number of tunings: that of the first tick, and the newest later ones */
-    TL_RESUME_TEXT = 224    /* of a message */
+    TL_RESUME_TEXT = 224    /* bytes of a message with its NUL; longer ones are truncated */
 };
 
 /* Largest size of an image, bytes. */
@@ -139,8 +137,8 @@ enum {
 #define TL_RESUME_UNNUMBERED ((int64_t)-1)
 
 typedef struct tl_resume {
-    /* plain fields: stored in the image as here, without padding */
-    int64_t run;         /* run to resume */
+    /* plain fields: an image contains their bytes as they are in memory */
+    int64_t run;         /* number of the run to resume, or TL_RESUME_UNNUMBERED */
     int64_t first, last; /* ticks to follow; none if last is first − 1 */
     tl_time step;        /* T_S, ns */
     double start_s;      /* the FMUs' time at tick 0, s */
@@ -148,56 +146,57 @@ typedef struct tl_resume {
     int64_t started;     /* t_start in UTC, ms */
     size_t checkpoint_size, tuning_count;
     tl_recorder_shape shape;
-    tl_resumed_from from;         /* TL_RESUMED_NOT: samples only */
+    tl_resumed_from from;         /* start of the twin: checkpoint or start values; TL_RESUMED_NOT: samples only */
     char signals[TL_SHA256_TEXT]; /* identity of the plant's signals: tl_resume_identify() */
-    /* not in the image, or after its head */
-    tl_time gap;                     /* ns without a running twin, when the resume point was read */
-    tl_time age;                     /* ns, age of the checkpoint at the end of the run */
+    /* derived by tl_resume_read(), or stored after the head of the image */
+    tl_time gap;                     /* ns from tick `last` until the resume point was read, ≥ 0 */
+    tl_time age;                     /* ns from the checkpoint to tick `last`; 0: no checkpoint */
     int64_t checkpoint_tick;         /* first − 1 */
     const unsigned char *checkpoint; /* NULL: none */
     const unsigned char
-        *tunings; /* array of tl_run_tuning, unaligned; each applies from its tick on, or from before the first tick */
-    const unsigned char *ticks; /* packed */
+        *tunings; /* array of tl_run_tuning, unaligned; each applies from its tick on, the first one also if earlier */
+    const unsigned char *ticks; /* packed ticks first … last */
 } tl_resume;
 
 /* Bytes of the plain fields. */
 enum { TL_RESUME_PLAIN = offsetof(tl_resume, signals) + TL_SHA256_TEXT };
 
-/* Receives messages, as events of the source "resume". `text` is valid during the call. */
+/* Receives messages to be recorded as events of the source "resume"; `text` is valid during the
+ * call. tl_resume_report() formats a message and passes it to `report`. */
 typedef void tl_resume_listener(void *context, tl_severity severity, const char *text);
 void tl_resume_report(tl_resume_listener *report, void *context, tl_severity severity, const char *format, ...)
     TL_PRINTF(4, 5);
 
-/* Hash of the names of the plant's signals, from a configuration and from a recording. */
+/* Writes the hash of the names of the plant's signals, of a configuration or of a recording. */
 void tl_resume_identify(const tl_config *config, char digest[TL_SHA256_TEXT]);
 void tl_resume_identify_recorded(const tl_recorder_signal *signals, size_t count, char digest[TL_SHA256_TEXT]);
 
-/* Size of an image with so many ticks and tunings, and a checkpoint of so many bytes. */
+/* Bytes of an image. `ticks`, `tunings`: their numbers. `checkpoint`: bytes of the checkpoint. */
 size_t tl_resume_image_bytes(const tl_recorder_shape *shape, size_t ticks, size_t checkpoint, size_t tunings);
 
 /* Size of the image of this resume point, bytes. */
 size_t tl_resume_size(const tl_resume *resume);
 
-/* Selects the tunings of a run that matter for the ticks `first` to `last`, and moves them to the
- * front. The array is in order of ticks. Returns their number. */
+/* Moves those tunings to the front of the array that apply at a tick of `first` … `last`. The array
+ * must be in order of ticks. Returns the number of tunings at the front. */
 size_t tl_resume_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t first, int64_t last);
 
 /* Writes the image, of tl_resume_size() bytes. It does not contain gap and age. */
 void tl_resume_write(const tl_resume *resume, void *image);
 
-/* Validates an image and fills `resume`. `now`: CLOCK_MONOTONIC. `config`: with further look-ups as
- * signals (tl_config_use_lookups()).
- * Errors: TL_BAD_DATA: the image is invalid, contains only samples, or ended too long ago. */
+/* Validates an image and fills `resume`, which points into the image. `now`: CLOCK_MONOTONIC.
+ * `config`: after tl_config_use_lookups().
+ * Errors: TL_BAD_DATA: the image is invalid, has only samples, or its run ended too long ago. */
 tl_status tl_resume_read(const void *image, size_t size, const tl_config *config, tl_time now, tl_resume *resume,
                          tl_error *error);
 
-/* Reads an image of samples of the run with this t_start and configuration. Errors: as
- * tl_resume_read(). */
+/* As tl_resume_read(), for an image of samples. `start`: t_start of the present run. Errors:
+ * TL_BAD_DATA: the image is invalid, is not one of samples, or has another t_start. */
 tl_status tl_resume_read_samples(const void *image, size_t size, const tl_config *config, tl_time start,
                                  tl_resume *resume, tl_error *error);
 
-/* Unpacks one of the ticks first … last; stamps and instant are on CLOCK_MONOTONIC. Returns false
- * if `tick` is outside of them. */
+/* Unpacks a tick; its stamps and instant are on CLOCK_MONOTONIC. Returns false if `tick` is not in
+ * first … last. */
 bool tl_resume_tick_at(const tl_resume *resume, int64_t tick, tl_resume_tick *out);
 
 /* ---- Following: brings a new twin to the point at which an earlier run ended.
@@ -209,18 +208,18 @@ bool tl_resume_tick_at(const tl_resume *resume, int64_t tick, tl_resume_tick *ou
  * Record:  the followed ticks and the checkpoint are recorded again, as part of the new run. So the
  *          new run needs nothing of the earlier one, neither for its replay nor for a later resume.
  * Waiting: the cycle has not started, so no tick is due. If the record queue is full, the twin
- *          waits for room, 2 s in total; after that, entries without room are lost.
+ *          waits for room until 2 s after the call; after that, entries without room are lost.
  * Thread:  the FMU thread, before the cycle starts.
  */
 
 typedef enum tl_resume_outcome {
     TL_RESUME_FOLLOWED, /* the twin has reached the end of the run */
-    TL_RESUME_REFUSED,  /* the checkpoint cannot be used; nothing was recorded, the twin is new: try an older one */
-    TL_RESUME_FAILED    /* as refused, but a new run was begun: end it, and begin another one */
+    TL_RESUME_REFUSED,  /* the checkpoint cannot be loaded; the twin was rebuilt, nothing recorded: try an older one */
+    TL_RESUME_FAILED    /* a tick failed; the twin was rebuilt. End the run that was begun, and begin another one */
 } tl_resume_outcome;
 
 typedef struct tl_resume_follow_settings {
-    tl_assembly *assembly;  /* its twin has not begun, and may be built again */
+    tl_assembly *assembly;  /* its twin must not have begun; it is built again after a failure */
     tl_record_queue *queue; /* receives the new run */
     tl_resume_listener *report;
     void *context; /* of `report` */
@@ -238,38 +237,37 @@ tl_status tl_resume_follow(const tl_resume_follow_settings *settings, const tl_r
  *          resumes from the newest checkpoint in the queue and the entries since, else from the
  *          older checkpoint, else from the entries alone. This needs no file and loses no computed
  *          tick.
- * When:    by the rule above. A run that ended before it got further than the run it had resumed is
- *          skipped, if the queue still contains the earlier run. t_start is kept, because the
+ * When:    by the rule above. A run without a step of its own is skipped if the queue still
+ *          contains the run before it; two such runs end the search. t_start is kept, because the
  *          system has not rebooted. The caller ensures that both processes have the same
  *          configuration and FMUs.
  * Trust:   the content is untrusted, because a dying process may have written anything. It is
  *          validated like any image.
- * Owner:   resume points are copies, so the record queue may be written while one is followed. Once
- *          the queue was written, tl_resume_queue_next() returns no further one.
+ * Owner:   a resume point is a copy, so the record queue may be written while the twin follows it.
+ *          Call tl_resume_queue_next() only before anything is enqueued.
  * Thread:  the writer of the record queue.
  */
 
 typedef struct tl_resume_queue tl_resume_queue;
 
-/* Queue and assembly must outlive the object. Returns NULL if the queue contains no run, if
- * `record.resume_s` is 0, or if memory is out. */
+/* Queue and assembly must outlive the object. Returns NULL if the queue contains no run with a
+ * twin, if `record.resume_s` is 0, or if memory is out. */
 tl_resume_queue *tl_resume_queue_open(const tl_record_queue *queue, const tl_assembly *assembly,
                                       tl_resume_listener *report, void *context);
 
 /* NULL is allowed. */
 void tl_resume_queue_close(tl_resume_queue *left);
 
-/* Returns the newest resume point, then older ones, until something is enqueued. `resume` is valid
- * until the next call. Returns false if no further one exists; the reason was reported. NULL is
- * allowed. */
+/* Fills `resume` with the newest resume point, at later calls with older ones; valid until the next
+ * call. Returns false if no further one exists; the reason was reported. NULL is allowed. */
 bool tl_resume_queue_next(tl_resume_queue *left, tl_resume *resume);
 
 /* ---- Resume points from the database.
  *
- * Purpose: finds the newest run that can be resumed, if it had the same configuration and FMUs.
- *          Returns its newest checkpoint first, then older ones, at last its inputs alone. After a
- *          reboot the gap is computed from UTC. If no run can be resumed, a message gives the
- *          reason.
+ * Purpose: finds the newest run with a step of its own. It is resumed if the rule permits this and
+ *          if configuration and FMUs are unchanged; older runs are not. Up to 8 checkpoints are
+ *          tried, the newest first, then its inputs alone. After a reboot the gap is computed from
+ *          UTC. If the run cannot be resumed, a message gives the reason.
  * Twin:    not needed: the settings contain its facts, so a process without FMUs can search.
  * Trust:   the database is untrusted (history.h).
  * Owner:   settings are copied; the objects that they point to are not.
@@ -288,35 +286,35 @@ typedef struct tl_resume_history_settings {
     void *context; /* of `report` */
 } tl_resume_history_settings;
 
-/* Opens the database. Returns NULL if `record.resume_s` is 0, or if the database cannot be read.
- * The latter is reported; the twin can then start a new run. */
+/* Opens the database. Returns NULL if `record.resume_s` is 0. Also if the database cannot be read
+ * or memory is out; this is reported, and the twin can start a new run. */
 tl_resume_history *tl_resume_history_open(const tl_resume_history_settings *settings);
 
 /* NULL is allowed. */
 void tl_resume_history_close(tl_resume_history *history);
 
-/* Returns the newest resume point, then older ones; valid until the next call. Returns NULL if no
- * further one exists; a reason worth reporting was reported. NULL is allowed. */
+/* Returns the newest resume point, at the next calls older ones; valid until the next call. Its
+ * `gap`, `age` and `checkpoint_tick` are 0. Returns NULL if no further one exists; if the user
+ * should know the reason, it was reported. NULL is allowed. */
 const tl_resume *tl_resume_history_next(tl_resume_history *history);
 
-/* If the newest run cannot be resumed (for example: another configuration): the instant of its last
- * tick, on the present CLOCK_MONOTONIC. 0: unknown. NULL is allowed. */
+/* Instant of the last tick of a run that is not resumed because it had ended, or because its
+ * configuration or FMUs differ; CLOCK_MONOTONIC. 0: unknown, or another reason. NULL is allowed. */
 tl_time tl_resume_history_ended(const tl_resume_history *history);
 
 /* ---- Recorded samples of the present run, for a shadow. The shadow computes these ticks first, so
  * that its comparison with the live twin has a longer basis.
  *
- * Run:     the newest one of this boot that is still being recorded. Earlier ticks come from the
- *          run that it resumed, which has the same t_start.
+ * Run:     the newest one, if it belongs to this boot and is still being recorded. If it begins
+ *          after the wanted tick, the run that it continues is read instead (same t_start).
  */
 
-/* How far back the samples go if the caller names no tick: 60 s. */
+/* ns before the newest sample at which an image begins if the caller names no tick: 60 s. */
 #define TL_RESUME_SAMPLES_BEFORE (60 * TL_SECOND)
 
-/* Writes an image of samples for tl_resume_read_samples() to `image`, which has `room` bytes: from
- * tick `from` on, up to a gap. If `from` is negative, it starts one minute before the newest
- * sample. `boot`: tl_identity_boot(). *size is 0 if there are no samples. Errors: those of
- * history.h. */
+/* Writes an image of samples to `image`, which has `room` bytes: from tick `from` up to a gap, at
+ * most TL_RESUME_TICKS. Negative `from`: from TL_RESUME_SAMPLES_BEFORE. `path`: of the database.
+ * `boot`: tl_identity_boot(). *size: bytes; 0: no samples. Errors: those of history.h. */
 tl_status tl_resume_samples_find(const char *path, const char *boot, int64_t from, void *image, size_t room,
                                  size_t *size, tl_error *error);
 

@@ -28,7 +28,7 @@
 #include "firmware/twin/twin_trial.h"
 #include "master/twin/account.h"
 
-/* Process title of a process that only loads states, instead of "twin"; its role is also "twin". */
+/* Title of a process that only tests saved states, instead of "twin". Its role is "twin" too. */
 #define TL_TWIN_READER "states"
 
 typedef struct tl_twin_child tl_twin_child;
@@ -40,7 +40,7 @@ typedef struct tl_twin_child_settings {
     const tl_config *config;
     FILE *page;               /* receives the printed page of a check; NULL: dropped */
     tl_twin_page *print_page; /* prints the page of a check (twin_role.h) */
-    tl_time call_limit;       /* ns, call timeout */
+    tl_time call_limit;       /* ns, call timeout; 0: none */
     uint64_t memory_limit;    /* bytes that the process may use; 0: tl_confine_fair_memory() */
     const tl_block *others;   /* block with states of another process, for this one to load; NULL: none */
 } tl_twin_child_settings;
@@ -48,18 +48,18 @@ typedef struct tl_twin_child_settings {
 /* Result of a comparison of two twins, or of a trial of rollback methods. */
 typedef struct tl_twin_outcome {
     tl_twin_pair_account pair; /* as far as the process completed it; texts are sanitised */
-    tl_component_methods ways;
-    bool has_ended;   /* the process ended unannounced, or was killed */
-    tl_status status; /* of the process or of the second twin; TL_OK: completed */
+    tl_component_methods ways; /* result of a trial */
+    bool has_ended;            /* the process ended unannounced, or was killed */
+    tl_status status;          /* of the process or of the second twin; TL_OK: completed */
     char text
         [TL_ERROR_TEXT]; /* how it ended, how the twins differ, or how a rollback is not exact; "": no fault found */
 } tl_twin_outcome;
 
 /* Starts the process. Returns when it is confined and about to load FMUs. Logs missing parts of the
- * confinement. Errors: TL_TRY_AGAIN. */
+ * confinement. Errors: TL_TRY_AGAIN; TL_FMU_FAILED, also if it rejects its job; TL_INTERRUPTED. */
 tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_child **child, tl_error *error);
 
-/* Waits until the twin is built. If error->text is empty, the errors were logged. */
+/* Waits until the twin is built, and copies its account. If error->text is empty, it was logged. */
 tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_error *error);
 
 /* Waits until a check is done and its page printed. Errors as tl_twin_child_build(). If the job has
@@ -70,25 +70,26 @@ tl_status tl_twin_child_check(tl_twin_child *child, tl_twin_check *found, tl_err
  */
 void tl_twin_child_get_methods(const tl_twin_child *child, tl_component_methods *ways);
 
-/* Waits until a comparison or a trial is done, or the process has ended. Errors: TL_INTERRUPTED. */
+/* Waits until a comparison or a trial is done, or the process has ended; a failure is an outcome.
+ * Errors: TL_INTERRUPTED. */
 tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, tl_error *error);
 
-/* Calls `on_event` for each system call of FMUs that was denied since the last call of this
- * function. The log contains them already. */
+/* Calls `on_event` once for each kind of denied system call that this function has not reported
+ * yet. They are also logged. */
 void tl_twin_child_report(tl_twin_child *child, tl_fmu_refusals_listener *on_event, void *context);
 
-/* Enqueues a tick; at most TL_CHANNEL_DEPTH ticks may have no result yet. `last`: no step is
- * computed; the sample only completes the last record. Notify the process with
- * tl_twin_child_push(). */
+/* Enqueues a tick. At most TL_CHANNEL_DEPTH ticks may have no result yet; one more is an error that
+ * kills the process. `last`: no step is computed; the sample only completes the last record. */
 tl_status tl_twin_child_enqueue(tl_twin_child *child, const tl_recording_tick *tick, bool last, tl_error *error);
 
+/* Notifies the process that ticks were enqueued. */
 void tl_twin_child_push(tl_twin_child *child);
 
 /* Takes the result of the oldest enqueued tick, which must be `tick`. If no result is available
- * yet, sleeps until `wanted` results are available, or no more will come. *stopped: the process has
- * stopped on request and there is no result.
+ * yet, sleeps until `wanted` results are, and takes an available one after each 0.1 s. *stopped:
+ * the process has stopped on request and there is no result.
  * Errors: if the step failed: its error, and `result` is filled. If the process announced its end:
- *         the announced error. If it ended otherwise: TL_FMU_FAILED, and `result` is not filled. */
+ *         the announced error. If it ended otherwise: TL_FMU_FAILED. */
 tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted, tl_twin_result *result, bool *stopped,
                              tl_error *error);
 
@@ -96,20 +97,20 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
  * tl_twin_child_take() reports that it has stopped. */
 void tl_twin_child_stop(tl_twin_child *child);
 
-/* Ends the work and copies the final account (NULL: not wanted). Results that were not taken are
- * dropped. */
+/* Ends the work and copies the final account (NULL: not wanted). Drops results that were not taken.
+ * If the process has already ended, returns TL_OK and leaves `account` unchanged. */
 tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error *error);
 
 /* For TL_TASK_EXPLAIN, when all ticks of the window were sent: drops their remaining results, and
- * waits for the explanation. `advance` is called after each re-run. Errors: as
- * tl_twin_child_check(). */
+ * waits for the explanation. Calls `advance` after each message, for example after each re-run.
+ * Errors: as tl_twin_child_check(). */
 tl_status tl_twin_child_explain(tl_twin_child *child, void (*advance)(void *context), void *context,
                                 tl_explanation *explanation, tl_error *error);
 
 /* Returns true if a denied system call may have caused the failure of the ended process. */
 bool tl_twin_child_refusal_may_be_cause(const tl_twin_child *child);
 
-/* Returns true if the process has ended; how it ended was reported. */
+/* Returns true if the process was seen to have ended, and does not check again. */
 bool tl_twin_child_is_gone(const tl_twin_child *child);
 
 /* After the process has ended: returns true if SIGKILL ended it, and this program did not send it.
@@ -117,7 +118,7 @@ bool tl_twin_child_is_gone(const tl_twin_child *child);
 bool tl_twin_child_was_killed_by_others(const tl_twin_child *child);
 
 /* After tl_twin_child_end(): waits until the FMUs are freed and the process has ended. Errors:
- * TL_FMU_FAILED if it did not end regularly. */
+ * TL_FMU_FAILED if it did not end regularly; TL_INTERRUPTED if it was killed after a signal. */
 tl_status tl_twin_child_wait(tl_twin_child *child, tl_error *error);
 
 /* Kills the process if it still runs, and removes its files. NULL is allowed. */
@@ -140,11 +141,11 @@ typedef struct tl_twin_feed_settings {
     const tl_account *account; /* of the built twin */
     tl_recording *recording;   /* only the feed may read it */
     tl_twin_child *child;      /* the twin */
-    bool plant;                /* every tick of the recording is a step, even after the configured duration */
-    bool paced;                /* a tick is sent only when the caller asks for its result */
+    bool plant;                /* emulated plant: each tick of the recording is a step, also after the duration */
+    bool paced;                /* a tick is sent only when the caller asks for its result; else many ahead */
 } tl_twin_feed_settings;
 
-/* A tick and its result; valid until the next one. */
+/* A tick and its result; the pointers are valid until the next tl_twin_feed_next(). */
 typedef struct tl_twin_fed {
     const tl_recording_tick *tick;
     const tl_twin_result *result;
@@ -154,18 +155,18 @@ typedef struct tl_twin_fed {
 /* Settings are copied; all that they point to must outlive the feed. Errors: TL_TRY_AGAIN. */
 tl_status tl_twin_feed_open(const tl_twin_feed_settings *settings, tl_twin_feed **feed, tl_error *error);
 
-/* The next tick to be sent, so that a paced feed can wait for its instant. NULL: none. */
+/* Returns the next tick to be sent, so that a paced feed can wait for its instant. NULL: none. */
 const tl_recording_tick *tl_twin_feed_poll(tl_twin_feed *feed);
 
-/* Returns the next tick with its result; *end: no tick remains. An error comes from the recording,
- * the step, or the process with the twin. If it comes from the step, `fed` is filled, and may have
- * a record; else `fed` is not filled. After an error nothing follows. */
+/* Returns the next tick with its result; *end: no tick remains, and `fed` is unchanged. Errors come
+ * from the recording, the step, or the process with the twin. After a failed step `fed` is filled
+ * and may have a record; after other errors it is unchanged. After an error nothing follows. */
 tl_status tl_twin_feed_next(tl_twin_feed *feed, tl_twin_fed *fed, bool *end, tl_error *error);
 
 /* Sends no further tick. Computed results can still be taken. */
 void tl_twin_feed_stop(tl_twin_feed *feed);
 
-/* The last tick for which something is computed. */
+/* Returns the last tick with a step within the configured duration; INT64_MAX: no duration. */
 int64_t tl_twin_feed_last_tick(const tl_config *config, const tl_account *account);
 
 /* NULL is allowed. */

@@ -14,8 +14,7 @@
 #include "firmware/store/recorder.h"
 #include "master/twin/account.h"
 
-/* Data of a run that are known without a twin. The entry that begins a run in the record queue does
- * not contain them. */
+/* Data of a run that are known without a twin, so the record queue does not contain them. */
 typedef struct tl_twin_record {
     tl_recorder_settings settings; /* its texts belong to the configuration or to this struct */
     tl_recorder_names names;
@@ -41,20 +40,20 @@ void tl_twin_recorder_identify(const tl_config *config, char text[TL_SHA256_TEXT
 void tl_twin_recorder_signals(const tl_config *config, const tl_account *account,
                               tl_recorder_signal match[TL_MAX_MATCH], tl_recorder_signal adjust[TL_MAX_ADJUST]);
 
-/* Reads the present ledger (counts of executions per component), for tl_recorder_put_step(). In
- * mode ahead it is one step ahead of the record. Returns the number of components, the plant
- * included. */
+/* Reads the twin's present ledger (counts of executions per component), for tl_recorder_put_step().
+ * In mode ahead the ledger is one step ahead of the record. Returns the number of entries: the
+ * components and the plant. */
 size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]);
 
 /* Live run: begins a run in the record queue. `start`: instant of tick 0 (CLOCK_MONOTONIC). `twin`
- * NULL: safe hold. */
+ * NULL: safe hold. Not for two threads at the same time. */
 void tl_twin_recorder_start(tl_record_queue *queue, const tl_twin *twin, tl_time start);
 
 /* Live run: enqueues a step with the present ledger. */
 void tl_twin_recorder_put(tl_record_queue *queue, const tl_record *record, const tl_twin *twin);
 
-/* At the end of a run: reports components that were executed more often than their ledger predicts,
- * each in a sentence. */
+/* At the end of a run: calls `on_event` with a sentence for each component that was executed more
+ * often than its ledger predicts. `text` is valid during the call. */
 typedef void tl_twin_recorder_on_finding(void *context, const char *text);
 void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_on_finding *on_event, void *context);
 

@@ -17,8 +17,8 @@
 
 #include "fmus/common/model.h"
 
-/* Modes of an instance in the state machine of FMI 2.0 (4.2.4); bits, so that a call can allow
- * several. */
+/* Modes of an instance in the state machine of FMI 2.0 (4.2.4). They are bits, so that a set of
+ * modes is their sum. */
 typedef enum tl_fmu_mode {
     TL_FMU_INSTANTIATED = 1,
     TL_FMU_INITIALISING = 2,
@@ -33,14 +33,14 @@ enum {
     TL_FMU_GETTABLE = TL_FMU_INITIALISING | TL_FMU_STEPPING | TL_FMU_FAILED | TL_FMU_TERMINATED
 };
 
-/* All data that fmi2GetFMUstate saves. It has no pointers, so a copy of the bytes serialises it.
- * The model's struct follows. */
+/* All data that fmi2GetFMUstate saves. It has no pointers, so a copy of its bytes is the serialised
+ * state. */
 typedef struct tl_fmu_state {
-    char guid[TL_FMU_GUID_SIZE]; /* of the FMU that saved it */
+    char guid[TL_FMU_GUID_SIZE]; /* of the FMU that saved the state */
     int64_t mode;                /* tl_fmu_mode */
     double time;                 /* s, end of the last step */
     double stop_time;            /* s; HUGE_VAL if it is not defined */
-    double model[];              /* type double for the alignment */
+    double model[];              /* the model's struct; the type double is for its alignment */
 } tl_fmu_state;
 
 typedef struct tl_fmu_instance {
@@ -53,7 +53,8 @@ typedef struct tl_fmu_instance {
 } tl_fmu_instance;
 
 /* Returns the instance of `component` if its present mode is one of `modes`. Otherwise logs that
- * `function` is not allowed and returns NULL; also if `component` is NULL. */
+ * `function` is not allowed and returns NULL. If `component` is NULL, returns NULL without a log.
+ */
 tl_fmu_instance *tl_fmu_enter(fmi2Component component, const char *function, int modes);
 
 /* Logs why a call is rejected. `format`: as for printf. Returns fmi2Error in all cases. */
@@ -70,12 +71,13 @@ tl_fmu_instance *tl_fmu_create(fmi2String name, const fmi2CallbackFunctions *fun
 /* Frees an instance with its external data. */
 void tl_fmu_release(tl_fmu_instance *instance);
 
-/* Resets the state to the model's defaults and to TL_FMU_INSTANTIATED. The model's external data is
- * not changed. */
+/* Resets the state to the model's defaults and to TL_FMU_INSTANTIATED. Does not change the model's
+ * external data. */
 void tl_fmu_set_defaults(tl_fmu_instance *instance);
 
-/* If the model uses external data, updates its results for the instance's time plus `ahead`
- * seconds. `may_forget`: see tl_fmu_look. Returns fmi2Error, and logs the reason, if that fails. */
+/* If the model uses external data, updates its results to the time of the state plus `ahead`
+ * seconds. `function`: FMI function, for the log. `may_forget`: see tl_fmu_look. If the update
+ * fails, logs the reason and returns fmi2Error. */
 fmi2Status tl_fmu_look_outside(const tl_fmu_instance *instance, const char *function, double ahead, bool may_forget);
 
 /* Returns the size of a saved state in bytes, including the model. */

@@ -1,5 +1,5 @@
-/* Interface between a model and the common FMI 2.0 code: GUID, start values, a table of variables,
- * two functions, and three more if the model reads external data.
+/* Interface between a model and the common FMI 2.0 code: GUID, start values, table of variables,
+ * two functions, and three more functions if the model reads external data.
  *
  * Purpose: fmus/<model>/model.c contains equations only; fmus/common implements FMI. description.py
  *          generates description.h from modelDescription.xml, so both agree.
@@ -23,16 +23,16 @@ typedef enum tl_fmu_type { TL_FMU_REAL, TL_FMU_INTEGER, TL_FMU_BOOLEAN, TL_FMU_S
  * NUL. */
 typedef char tl_fmu_text[512];
 
-/* When a variable may be set. All variables can be read. */
+/* When a variable may be set. All variables can be read from initialisation on. */
 typedef enum tl_fmu_role {
     TL_FMU_FIXED,   /* parameter: until the end of initialisation */
-    TL_FMU_TUNABLE, /* parameter: at any time until the end, also while stepping */
-    TL_FMU_INPUT,   /* at any time until the end, also while stepping */
+    TL_FMU_TUNABLE, /* parameter: until the instance terminates or a step fails */
+    TL_FMU_INPUT,   /* as a tunable parameter */
     TL_FMU_RESULT   /* output or local variable: never */
 } tl_fmu_role;
 
-/* One row for each ScalarVariable of modelDescription.xml. References are unique within a type
- * only. */
+/* One row for each ScalarVariable of modelDescription.xml. Variables of different types may have
+ * the same reference. */
 typedef struct tl_fmu_variable {
     tl_fmu_type type;
     fmi2ValueReference reference;
@@ -40,20 +40,20 @@ typedef struct tl_fmu_variable {
     size_t offset; /* of the member in the model's struct, bytes */
 } tl_fmu_variable;
 
-/* For a model that integrates nothing: its step is the macro step, whatever its size. So an event
- * lasts for one macro step. */
+/* t_step of a model without an integration: each macro step of any size is one inner step. So an
+ * event lasts for one macro step. */
 #define TL_FMU_WHOLE_STEPS SIZE_MAX
 
 /* External data of a model outside its struct, for example an open file. The model defines the
- * type; each instance has one. It is not saved with a state. So the result of a step must depend
- * only on the struct and the time. */
+ * type; each instance has its own data. They are not saved with a state. So a step that is repeated
+ * from a restored state must give the same result. */
 typedef struct tl_fmu_outside tl_fmu_outside;
 
 typedef struct tl_fmu_look {
-    double time;     /* s: instant of the wanted results */
-    bool may_forget; /* no state from before the present one will be restored */
-    char *why;       /* receives the reason if the update fails */
-    size_t why_size; /* bytes, including the terminating NUL */
+    double time;     /* time of the wanted results, s */
+    bool may_forget; /* no state from before this step will be restored, so older data can be dropped */
+    char *why;       /* buffer that receives the reason if the update fails */
+    size_t why_size; /* bytes of the buffer */
 } tl_fmu_look;
 
 enum { TL_FMU_GUID_SIZE = 40 }; /* including the terminating NUL */
@@ -70,14 +70,14 @@ typedef struct tl_fmu_model {
      * repeatedly. */
     void (*start)(void *model);
 
-    /* Advances states and results by `h` seconds with constant inputs; h > 0, close to t_step if
-     * there is one. */
+    /* Advances states and results by `h` seconds with constant inputs. h > 0: near t_step, or the
+     * whole macro step if that is shorter. */
     void (*step)(void *model, double h);
 
     /* All three or none. `open` allocates the external data without reading anything; returns NULL
-     * if memory is out. `look` updates the results to look->time: after start() at the start time,
-     * and after the inner steps of each macro step. It must not wait. If it returns false, the FMI
-     * call fails with fmi2Error. */
+     * if memory is out. `look` updates the results to look->time, without waiting. It is called
+     * after the inner steps of each macro step, at the end of initialisation, and if a result is
+     * read before. If it returns false, the FMI call fails with fmi2Error. */
     tl_fmu_outside *(*open)(void);
     bool (*look)(void *model, tl_fmu_outside *outside, const tl_fmu_look *look);
     void (*close)(tl_fmu_outside *outside);
@@ -94,8 +94,8 @@ extern const tl_fmu_model tl_fmu_model_of_this_fmu;
     static const tl_fmu_variable variables[] = {TL_FMU_VARIABLES(type)};                                               \
     TL_FMU_MODEL_WITH_TABLE(type, __VA_ARGS__)
 
-/* The same for a model whose variables are not all members of their own: its file defines
- * `defaults` and `variables`. */
+/* The same for a model that has variables in arrays, for example. Its file must define `defaults`
+ * and `variables`. */
 #define TL_FMU_MODEL_WITH_TABLE(type, ...)                                                                             \
     const tl_fmu_model tl_fmu_model_of_this_fmu = {.guid = TL_FMU_GUID,                                                \
                                                    .size = sizeof(type),                                               \
