@@ -56,6 +56,24 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
  * the database, TL_TRY_AGAIN if memory is out, and those of tl_new_file_open() (os.h). */
 tl_status tl_show_report(const tl_show_request *request, const char *path, tl_error *error);
 
+/* Output of callbacks of tl_history_visitor: kept in memory until they pause. Else a pager that does
+ * not read on would block the callbacks, and with them the recorder, which cannot write its log
+ * back during a transaction. */
+typedef struct tl_show_output {
+    FILE *file; /* for the callbacks */
+    FILE *to;
+    char *text;
+    size_t size;
+} tl_show_output;
+
+/* Errors: TL_TRY_AGAIN if memory is out. */
+tl_status tl_show_output_open(tl_show_output *output, FILE *to, tl_error *error);
+
+/* Writes everything to `to`; may block. */
+void tl_show_output_write(tl_show_output *output);
+
+void tl_show_output_close(tl_show_output *output);
+
 /* Returns true if the run is no replay. Only then its steps have calendar times. */
 bool tl_show_is_live(const tl_history_run *run);
 

@@ -8,6 +8,7 @@
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "firmware/report/show.h"
@@ -36,7 +37,8 @@ typedef struct csv_table {
  * signal. */
 typedef struct csv_line {
     const tl_show_request *request;
-    FILE *file;
+    tl_show_output output;
+    FILE *file; /* output.file */
     const csv_table *table;
     const tl_recorder_signal *signal; /* signals of the table's kind; for steps those that can be held */
     size_t signals;
@@ -252,11 +254,36 @@ static void take_period(void *context, const tl_history_period *period) {
     (void)fputc('\n', line->file);
 }
 
+/* ---- Output ---------------------------------------------------------------------------------- */
+
+tl_status tl_show_output_open(tl_show_output *output, FILE *to, tl_error *error) {
+    *output = (tl_show_output){.to = to};
+    output->file = open_memstream(&output->text, &output->size);
+    return output->file != NULL ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+}
+
+void tl_show_output_write(tl_show_output *output) {
+    (void)fflush(output->file);
+    (void)fwrite(output->text, 1, output->size, output->to);
+    rewind(output->file);
+}
+
+void tl_show_output_close(tl_show_output *output) {
+    tl_show_output_write(output);
+    (void)fclose(output->file);
+    free(output->text);
+}
+
+static void write_lines(void *context) {
+    csv_line *line = context;
+    tl_show_output_write(&line->output);
+}
+
 /* ---- The tables ------------------------------------------------------------------------------ */
 
 static tl_status print_periods(csv_line *line, int length_s, tl_error *error) {
     const tl_show_request *request = line->request;
-    const tl_history_visitor visitor = {.context = line, .period = take_period};
+    const tl_history_visitor visitor = {.context = line, .period = take_period, .pause = write_lines};
     (void)fprintf(line->file, "time%s,run,kind,name,unit,count,mean,least,largest,spread\n",
                   tl_show_is_live(request->run) ? ",at" : "");
     return tl_history_periods(request->history, request->run, length_s, &visitor, error);
@@ -264,7 +291,7 @@ static tl_status print_periods(csv_line *line, int length_s, tl_error *error) {
 
 static tl_status print_events(csv_line *line, tl_error *error) {
     const tl_show_request *request = line->request;
-    const tl_history_visitor visitor = {.context = line, .event = take_event};
+    const tl_history_visitor visitor = {.context = line, .event = take_event, .pause = write_lines};
     (void)fputs("at,tick,severity,source,text\n", line->file);
     return tl_history_events(request->history, request->run, request->from_at, -1, &visitor, error);
 }
@@ -290,11 +317,19 @@ static tl_status print_rows(csv_line *line, tl_error *error) {
     (void)fputc('\n', line->file);
     if (any) {
         visitor.context = line;
+        visitor.pause = write_lines;
         visitor.signals[table->kind] = line->signals;
         status = tl_history_rows(request->history, request->run, range, &visitor, error);
         flush_line(line);
     }
     return status;
+}
+
+static tl_status print_table(csv_line *line, tl_show_csv_table table, tl_error *error) {
+    return table == TL_SHOW_EVENTS    ? print_events(line, error)
+           : table == TL_SHOW_MINUTES ? print_periods(line, TL_MINUTE, error)
+           : table == TL_SHOW_HOURS   ? print_periods(line, TL_HOUR, error)
+                                      : print_rows(line, error);
 }
 
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error) {
@@ -324,16 +359,15 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
     };
     memset(&line, 0, sizeof line);
     line.request = request;
-    line.file = file;
     line.number = -1;
-    if (table == TL_SHOW_EVENTS) {
-        return print_events(&line, error);
+    line.table = table < TL_SHOW_EVENTS ? &tables[table] : NULL;
+    tl_status status = tl_show_output_open(&line.output, file, error);
+    if (status == TL_OK) {
+        line.file = line.output.file;
+        status = print_table(&line, table, error);
+        tl_show_output_close(&line.output);
     }
-    if (table == TL_SHOW_MINUTES || table == TL_SHOW_HOURS) {
-        return print_periods(&line, table == TL_SHOW_MINUTES ? TL_MINUTE : TL_HOUR, error);
-    }
-    line.table = &tables[table];
-    return print_rows(&line, error);
+    return status;
 }
 
 /* ---- The trajectory of a replay -------------------------------------------------------------- */

@@ -486,19 +486,31 @@ static tl_status print_tunings(show_page *page, tl_error *error) {
 
 /* ---- Events ---------------------------------------------------------------------------------- */
 
+typedef struct show_events {
+    const show_page *page;
+    tl_show_output output;
+} show_events;
+
+static void write_events(void *context) {
+    show_events *events = context;
+    tl_show_output_write(&events->output);
+}
+
 static void take_event(void *context, const tl_history_event *event) {
-    const show_page *page = context;
+    const show_events *events = context;
+    const show_page *page = events->page;
+    FILE *file = events->output.file;
     bool colour = page->request->style.colour;
     const char *paint = strcmp(event->severity, "error") == 0     ? "\x1b[31m"
                         : strcmp(event->severity, "warning") == 0 ? "\x1b[33m"
                                                                   : "";
-    (void)fprintf(page->file, "  %s  %s%-7s%s  %-8s  %s", short_time(event->at), colour ? paint : "",
+    (void)fprintf(file, "  %s  %s%-7s%s  %-8s  %s", short_time(event->at), colour ? paint : "",
                   clean_line(page, event->severity), colour && paint[0] != '\0' ? "\x1b[0m" : "",
                   clean_line(page, event->source), clean_line(page, event->text));
     if (event->has_tick) {
-        (void)fprintf(page->file, " (tick %lld)", (long long)event->tick);
+        (void)fprintf(file, " (tick %lld)", (long long)event->tick);
     }
-    (void)fputc('\n', page->file);
+    (void)fputc('\n', file);
 }
 
 static tl_status print_events(show_page *page, tl_error *error) {
@@ -507,9 +519,15 @@ static tl_status print_events(show_page *page, tl_error *error) {
         return TL_OK;
     }
     print_heading(page, request->all_events ? "Events (UTC)" : "Last events (UTC)");
-    const tl_history_visitor visitor = {.context = page, .event = take_event};
-    return tl_history_events(request->history, request->run, request->from_at, request->all_events ? -1 : EVENTS_SHOWN,
-                             &visitor, error);
+    show_events events = {.page = page};
+    const tl_history_visitor visitor = {.context = &events, .event = take_event, .pause = write_events};
+    tl_status status = tl_show_output_open(&events.output, page->file, error);
+    if (status == TL_OK) {
+        status = tl_history_events(request->history, request->run, request->from_at,
+                                   request->all_events ? -1 : EVENTS_SHOWN, &visitor, error);
+        tl_show_output_close(&events.output);
+    }
+    return status;
 }
 
 /* ---- Changes --------------------------------------------------------------------------------- */

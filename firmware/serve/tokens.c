@@ -91,7 +91,11 @@ static tl_status read_lines(FILE *file, const char *path, tl_tokens *tokens, tl_
         }
         tokens->count++;
     }
-    return ferror(file) == 0 ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "%s: %s", path, strerror(errno));
+    if (ferror(file) != 0) {
+        tokens->count = 0;
+        return tl_fail(error, TL_TRY_AGAIN, "%s: %s", path, strerror(errno));
+    }
+    return TL_OK;
 }
 
 tl_status tl_tokens_read(const char *path, tl_tokens *tokens, tl_error *error) {

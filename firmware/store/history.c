@@ -98,7 +98,6 @@ static table_row row_of(sqlite3_stmt *statement) {
     return (table_row){.statement = statement, .right = true};
 }
 
-/* Tests the next column without reading it. */
 static bool is_null(const table_row *row) {
     return sqlite3_column_type(row->statement, row->column) == SQLITE_NULL;
 }
@@ -767,6 +766,17 @@ tl_status tl_history_last_step(tl_history *history, const tl_history_run *run, i
     return status;
 }
 
+/* Ends the transaction of a statement that has returned `code`; then the visitor may write. */
+static tl_status end_rows(const tl_history *history, sqlite3_stmt *statement, tl_status status, int code,
+                          const tl_history_visitor *visitor, tl_error *error) {
+    status = status == TL_OK && code != SQLITE_DONE ? tl_database_fail(history->database, code, error) : status;
+    (void)sqlite3_reset(statement);
+    if (visitor->pause != NULL) {
+        visitor->pause(visitor->context);
+    }
+    return status;
+}
+
 /* Passes the next rows of one statement, after the key. */
 static tl_status pass_rows(row_key *key, tl_history_table table, int *count, tl_error *error) {
     sqlite3_stmt *statement = key->history->rows[table];
@@ -787,11 +797,7 @@ static tl_status pass_rows(row_key *key, tl_history_table table, int *count, tl_
             status = fail_row(key->history, key->run, table, number, error);
         }
     }
-    if (status == TL_OK && code != SQLITE_DONE) {
-        status = tl_database_fail(key->history->database, code, error);
-    }
-    (void)sqlite3_reset(statement);
-    return status;
+    return end_rows(key->history, statement, status, code, key->visitor, error);
 }
 
 tl_status tl_history_rows(tl_history *history, const tl_history_run *run, const int64_t range[2],
@@ -981,20 +987,27 @@ tl_status tl_history_events(tl_history *history, const tl_history_run *run, cons
                             const tl_history_visitor *visitor, tl_error *error) {
     static const char sql[] = "SELECT event, at, tick, coalesce(name, CAST(severity AS TEXT)), source, text FROM events"
                               " LEFT JOIN severities ON code = severity"
-                              " WHERE run = ?1 AND at >= ?3 AND event >= (SELECT min(event) FROM (SELECT event"
-                              " FROM events WHERE run = ?1 AND at >= ?3 ORDER BY event DESC LIMIT ?2)) ORDER BY event";
-    sqlite3 *database = history->database;
+                              " WHERE run = ?1 AND at >= ?3 AND event > ?4 AND event >= (SELECT min(event) FROM"
+                              " (SELECT event FROM events WHERE run = ?1 AND at >= ?3 ORDER BY event DESC LIMIT ?2))"
+                              " ORDER BY event LIMIT ?5";
     sqlite3_stmt *statement = NULL;
     int64_t last = 0;
-    tl_status status = query_row(history, sql, run->run, most, from_at, &statement, error);
-    int code = statement != NULL ? SQLITE_ROW : SQLITE_DONE;
-    for (; status == TL_OK && code == SQLITE_ROW; code = sqlite3_step(statement)) {
-        if (!pass_event(statement, &last, visitor)) {
-            status = tl_database_invalid(database, error, "an event of run %" PRId64 " has an invalid value", run->run);
+    int found = ROWS_AT_ONCE;
+    tl_status status = tl_database_prepare(history->database, sql, &statement, error);
+    while (status == TL_OK && found == ROWS_AT_ONCE) {
+        int code = SQLITE_ROW;
+        (void)sqlite3_bind_int64(statement, 1, run->run);
+        (void)sqlite3_bind_int64(statement, 2, most);
+        (void)sqlite3_bind_text(statement, 3, from_at, -1, SQLITE_STATIC);
+        (void)sqlite3_bind_int64(statement, 4, last);
+        (void)sqlite3_bind_int(statement, 5, ROWS_AT_ONCE);
+        for (found = 0; status == TL_OK && (code = sqlite3_step(statement)) == SQLITE_ROW; found++) {
+            if (!pass_event(statement, &last, visitor)) {
+                status = tl_database_invalid(history->database, error,
+                                             "an event of run %" PRId64 " has an invalid value", run->run);
+            }
         }
-    }
-    if (status == TL_OK && code != SQLITE_DONE) {
-        status = tl_database_fail(database, code, error);
+        status = end_rows(history, statement, status, code, visitor, error);
     }
     (void)sqlite3_finalize(statement);
     return status;
@@ -1002,7 +1015,6 @@ tl_status tl_history_events(tl_history *history, const tl_history_run *run, cons
 
 /* ---- Minutes and hours ---- */
 
-/* Reads a row, and passes it on if it is valid. */
 static bool pass_period(table_row *row, int length_s, const tl_history_run *runs, size_t count, char kind[16],
                         int64_t key[3], const tl_history_visitor *visitor) {
     static const char *const kinds[] = {"adjust", "match", "outcome", "plant"};
@@ -1073,10 +1085,7 @@ tl_status tl_history_periods(tl_history *history, const tl_history_run *run, int
                                         "period %" PRId64 " of run %" PRId64 " has an invalid value", key[1], key[0]);
             }
         }
-        if (status == TL_OK && code != SQLITE_DONE) {
-            status = tl_database_fail(history->database, code, error);
-        }
-        (void)sqlite3_reset(statement);
+        status = end_rows(history, statement, status, code, visitor, error);
     }
     (void)sqlite3_finalize(statement);
     return status;

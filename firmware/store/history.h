@@ -20,8 +20,8 @@
  *
  * Purpose: returns runs, their signals and configurations, and the ticks of a run one by one, for
  *          `show` and for replay. docs/reference/database.md explains the tables.
- * Reading: in short transactions, so that a slow reader does not prevent the recorder from writing
- *          its log (FILE-wal) back. Only tl_history_events() is one transaction.
+ * Reading: in short transactions, because the recorder cannot write its log (FILE-wal) back during
+ *          one. Callbacks are called within one, so they must not block, except `pause`.
  * Trust:   the database is untrusted. Returned values are valid: in range, ordered, UTF-8, as the
  *          recorder writes them. All other content is reported as damage.
  * Owner:   returned texts and arrays are valid until tl_history_close().
@@ -261,6 +261,7 @@ typedef struct tl_history_visitor {
     void (*adjustment)(void *context, const tl_history_adjustment *adjustment);
     void (*event)(void *context, const tl_history_event *event);
     void (*period)(void *context, const tl_history_period *period);
+    void (*pause)(void *context); /* may be NULL; called between transactions: the time for output */
 } tl_history_visitor;
 
 /* Tables that tl_history_range() searches. */

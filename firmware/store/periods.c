@@ -129,12 +129,10 @@ static void join_course(course *to, const course *more) {
     to->count += more->count;
 }
 
-/* The course of a series; NULL if there is no such series. */
 static course *find_course(tl_periods *periods, kind of, int64_t signal) {
     return signal >= 0 && signal < SERIES ? &periods->courses[of][signal] : NULL;
 }
 
-/* Adds the rows of one table from tick `from` to before `until`. */
 static int add_rows(tl_periods *periods, kind of, int64_t from, int64_t until) {
     sqlite3_stmt *prepared = bind_whole(periods, (periods_statement)(READ_SAMPLES + of), periods->run, from, until);
     int code = SQLITE_ROW;
@@ -148,7 +146,6 @@ static int add_rows(tl_periods *periods, kind of, int64_t from, int64_t until) {
     return end_statement(prepared, code);
 }
 
-/* NULL: it was not finite. */
 static double read_number(sqlite3_stmt *prepared, int column) {
     return sqlite3_column_type(prepared, column) == SQLITE_NULL ? (double)NAN : sqlite3_column_double(prepared, column);
 }
@@ -202,7 +199,6 @@ static int write_courses(tl_periods *periods, int length_s, int64_t period) {
 
 /* ---- Periods ---- */
 
-/* The first tick at or after the start of a minute. */
 static int64_t tick_of(const tl_periods *periods, int64_t minute) {
     return (minute * MINUTE_NS + periods->step_ns - 1) / periods->step_ns;
 }

@@ -609,7 +609,6 @@ void tl_record_queue_reader_open(const tl_record_queue_settings *settings, const
 
 static bool set_fault(tl_record_queue_reader *reader, bool *is_broken, const char *format, ...) TL_PRINTF(3, 4);
 
-/* Stops reading this part. */
 static bool set_fault(tl_record_queue_reader *reader, bool *is_broken, const char *format, ...) {
     va_list arguments;
     *is_broken = true;

@@ -478,7 +478,6 @@ static int remove_unused_run(tl_recorder_database *database, bool *removed) {
     return *removed ? change_all(database, ALL_SIGNALS, UNUSED_CONFIGURATIONS, run, 0) : code;
 }
 
-/* Removes events above their share. */
 static int remove_events(tl_recorder_database *database, bool *removed) {
     const int64_t share = database->settings->max_bytes / EVENTS_SHARE;
     int64_t events = 0;

@@ -423,19 +423,20 @@ bool csv_rows_check_column(const csv_rows *all, const char *column, const csv_ro
 
 /* Moves the bytes only if that at least halves them, so that each byte is moved about once. */
 void csv_rows_forget(csv_rows *all, int64_t number) {
-    const int64_t old = number - all->first;
-    if (all->is_file || old <= 0) {
+    const int64_t before = number - all->first;
+    if (all->is_file || before <= 0) {
         return;
     }
-    const size_t begin = (size_t)old < all->count ? all->row[old].begin : all->cut;
+    const size_t old = (size_t)before < all->count ? (size_t)before : all->count; /* a state may name a later row */
+    const size_t begin = old < all->count ? all->row[old].begin : all->cut;
     if (begin < READ_AT_ONCE || begin < all->size / 2) {
         return;
     }
     memmove(all->bytes, all->bytes + begin, all->size - begin);
     all->size -= begin;
     all->cut -= begin;
-    all->count -= (size_t)old;
-    all->first = number;
+    all->count -= old;
+    all->first += (int64_t)old;
     memmove(all->row, all->row + old, all->count * sizeof *all->row);
     for (size_t i = 0; i < all->count; i++) {
         all->row[i].begin -= begin;

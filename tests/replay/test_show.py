@@ -7,8 +7,9 @@ import json
 import math
 import re
 import sqlite3
+import subprocess
 
-from twinlock_test import (PLAIN_LOCK, SOURCE, edited_config, expect, expect_line, has_line, main, read_table, replay_csv, replay_json, run,
+from twinlock_test import (PLAIN_LOCK, PROGRAM, SOURCE, edited_config, expect, expect_line, has_line, main, read_table, replay_csv, replay_json, run,
                            run_well, scratch)
 
 CONFIG = PLAIN_LOCK
@@ -198,6 +199,28 @@ def test_the_newest_part_of_a_long_run():
     expect(shown["first_step"] == last + 1 - 2000000 // (1 + matches + adjusts), f"{shown['first_step']} to {shown['last_step']}")
     expect_line(run_well(["show", database]), f"since step {shown['first_step']}|--since")
     expect(show_json(database, "--since", "30d")["first_step"] == 0, "not all is shown")
+
+
+def test_a_pager_does_not_pause_the_recorder():
+    """While its output is not read, no transaction is open that keeps the recorder from writing its log back."""
+    database, _ = recorded()
+    connection = sqlite3.connect(database, isolation_level=None)
+    connection.execute("PRAGMA journal_mode = WAL")
+    run = connection.execute("SELECT run FROM runs").fetchone()[0]
+    rows = [(run, "2026-11-30T00:00:00.000Z", "x" * 300)] * 5000
+    connection.execute("BEGIN")
+    connection.executemany("INSERT INTO events (run, at, severity, source, text) VALUES (?, ?, 0, 'test', ?)", rows)
+    connection.execute("COMMIT")
+    for options, least in (("--csv", "samples"), 1), (("--csv", "outputs"), 1), (("--csv", "events"), 5000), (("--events",), 5000):
+        show = subprocess.Popen([PROGRAM, "show", database, *options], stdout=subprocess.PIPE, text=True)
+        show.stdout.read(1)  # it has begun, and now waits for its reader
+        connection.execute("UPDATE events SET text = text || 'y' WHERE text LIKE 'x%'")
+        busy, _, _ = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+        expect(show.poll() is None, f"{options}: its output fits into a pipe")
+        expect(busy == 0, f"{options}: the log cannot be written back")
+        lines = show.stdout.read().count("\n")
+        expect(show.wait() == 0 and lines > least, f"{options}: {lines} lines, exit code {show.returncode}")
+    connection.close()
 
 
 def test_exit_codes():
