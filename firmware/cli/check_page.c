@@ -756,7 +756,7 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     tl_live_blocks_of(config, saved_size(assembly), &blocks);
     print_costs(assembly, &prognosis, &blocks, output);
     if (!job->brief) {
-        tl_late_verification_get(assembly, prognosis.next_tick, &rollback);
+        tl_late_verification_run(assembly, prognosis.next_tick, &rollback);
     }
     print_rollback_test(assembly, &rollback, output);
     tl_read_back_run(assembly, host, &states);

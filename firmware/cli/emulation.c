@@ -10,7 +10,7 @@
 
 /* ---- noise ---- */
 
-static uint64_t next(tl_noise *noise) {
+static uint64_t next(tl_random *noise) {
     noise->state += UINT64_C(0x9e3779b97f4a7c15);
     uint64_t mixed = noise->state;
     mixed = (mixed ^ (mixed >> 30)) * UINT64_C(0xbf58476d1ce4e5b9);
@@ -18,14 +18,14 @@ static uint64_t next(tl_noise *noise) {
     return mixed ^ (mixed >> 31);
 }
 
-double tl_noise_uniform(tl_noise *noise) {
+double tl_random_uniform(tl_random *noise) {
     return (double)(next(noise) >> 11) * 0x1p-53;
 }
 
-double tl_noise_normal(tl_noise *noise) {
+double tl_random_normal(tl_random *noise) {
     for (;;) {
-        double a = 2.0 * tl_noise_uniform(noise) - 1.0;
-        double b = 2.0 * tl_noise_uniform(noise) - 1.0;
+        double a = 2.0 * tl_random_uniform(noise) - 1.0;
+        double b = 2.0 * tl_random_uniform(noise) - 1.0;
         double square = a * a + b * b;
         if (square > 0.0 && square < 1.0) {
             return a * sqrt(-2.0 * log(square) / square);
@@ -48,7 +48,7 @@ struct tl_emulation {
     tl_twin_feed *feed;
     tl_recording_tick tick;         /* newest tick that was stepped */
     double outputs[TL_MAX_SIGNALS]; /* and its outputs */
-    tl_noise noise;
+    tl_random noise;
     tl_time next_message;
 };
 
@@ -167,7 +167,7 @@ static tl_status next_modelled(tl_emulation *emulation, tl_emulation_row *row, b
     for (size_t i = 0; i < emulation->column_count; i++) {
         row->values[i] = read_column(emulation, i, &output);
         if (config->emulated[i].noise > 0.0) {
-            row->values[i] += config->emulated[i].noise * tl_noise_normal(&emulation->noise);
+            row->values[i] += config->emulated[i].noise * tl_random_normal(&emulation->noise);
         }
         row->present[i] = true;
     }
@@ -175,7 +175,7 @@ static tl_status next_modelled(tl_emulation *emulation, tl_emulation_row *row, b
     if (config->message_max_s > 0.0) {
         double spread = config->message_max_s - config->message_min_s;
         /* Whole microseconds, so that a recording stores the time exactly. */
-        interval = floor((config->message_min_s + spread * tl_noise_uniform(&emulation->noise)) * 1e6) / 1e6;
+        interval = floor((config->message_min_s + spread * tl_random_uniform(&emulation->noise)) * 1e6) / 1e6;
     }
     emulation->next_message += tl_time_of_seconds(interval);
     return TL_OK;

@@ -22,15 +22,15 @@
  */
 
 /* Generator. Its state is the seed at first; any value is valid. */
-typedef struct tl_noise {
+typedef struct tl_random {
     uint64_t state;
-} tl_noise;
+} tl_random;
 
 /* Returns a uniform number in [0, 1). */
-double tl_noise_uniform(tl_noise *noise);
+double tl_random_uniform(tl_random *noise);
 
 /* Returns a normally distributed number with mean 0 and standard deviation 1. */
-double tl_noise_normal(tl_noise *noise);
+double tl_random_normal(tl_random *noise);
 
 /* ---- Emulated plant: rows of values over time, read from a recording or simulated by FMUs.
  *

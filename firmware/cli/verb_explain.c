@@ -610,8 +610,9 @@ static tl_status explain(explain_verb *self) {
         status = tl_fail(&job->error, TL_BAD_USAGE,
                          "--save: stores the answer with a finding, not with --since or --foresee");
     }
-    status =
-        status == TL_OK ? tl_history_text(self->history, self->run->configuration_hash, &text, &job->error) : status;
+    status = status == TL_OK
+                 ? tl_history_configuration_text(self->history, self->run->configuration_hash, &text, &job->error)
+                 : status;
     if (status == TL_OK) {
         status = tl_verb_job_read(job, options->beside != NULL ? options->beside : options->subject, text);
     }

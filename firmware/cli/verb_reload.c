@@ -49,10 +49,10 @@ static tl_status read_subject(reload *self, tl_error *error) {
 
 static tl_control_verb verb_of(const tl_options *options) {
     return options->confirm    ? TL_CONTROL_CONFIRM
-           : options->rollback ? TL_CONTROL_RETURN
+           : options->rollback ? TL_CONTROL_ROLL_BACK
            : options->versions ? TL_CONTROL_VERSIONS
            : options->show     ? TL_CONTROL_SHOW
-                               : TL_CONTROL_TAKE;
+                               : TL_CONTROL_APPLY;
 }
 
 static void fill_request(reload *self) {
@@ -87,7 +87,7 @@ int tl_verb_reload(const tl_options *options) {
         .path = self.path, .output = tl_output_claim(), .subject = self.is_input ? "standard input" : options->subject};
     tl_status status = tl_control_client_find(options->subject, options->control, self.path, &error);
     fill_request(&self);
-    bool sends = self.request.verb == TL_CONTROL_TAKE;
+    bool sends = self.request.verb == TL_CONTROL_APPLY;
     if (status == TL_OK && sends) {
         status = read_subject(&self, &error);
     }

@@ -95,7 +95,7 @@ static tl_status show(const tl_options *options, tl_error *error) {
                      ? tl_show_csv(&request, (tl_show_csv_table)options->table, stdout, error)
                  : options->report != NULL ? tl_show_report(&request, options->report, error)
                  : options->json           ? tl_show_json(&request, stdout, error)
-                                           : tl_show_page(&request, stdout, error);
+                                           : tl_show_text(&request, stdout, error);
     }
     if (status == TL_BAD_DATA) {
         tl_history_diagnose(request.history, error);

@@ -102,9 +102,9 @@ typedef struct tl_config_words {
 
 /* `detect.alarm`: limits of the mean correction Δu of an adjusted variable, in its unit. */
 typedef struct tl_config_alarm {
-    size_t adjust;       /* index in tl_config.adjust */
-    double above, below; /* ±infinity: no limit */
-    tl_time lasts;       /* ns over which Δu is averaged */
+    size_t adjust;          /* index in tl_config.adjust */
+    double above, below;    /* ±infinity: no limit */
+    tl_time averaging_time; /* ns over which Δu is averaged */
 } tl_config_alarm;
 
 /* `emulate`: values that `twinlock plant` serves when it simulates the true plant with FMUs. */
@@ -166,9 +166,9 @@ typedef struct tl_config {
     tl_config_source *sources;
     size_t source_count;
     tl_config_signal *signals;
-    size_t own_count;    /* signals in the file: the first ones of `signals` */
-    size_t signal_count; /* own_count; after tl_config_use_lookups() own_count + second_count */
-    size_t second_count; /* further look-ups: all NAME@match, then all NAME@reading */
+    size_t own_count;     /* signals in the file: the first ones of `signals` */
+    size_t signal_count;  /* own_count; after tl_config_use_lookups() own_count + further_count */
+    size_t further_count; /* further look-ups: all NAME@match, then all NAME@reading */
     tl_plan_connection *connections;
     size_t connection_count;
 

@@ -447,14 +447,14 @@ static void add_last_edit(collection *c) {
 }
 
 static void add_barred(tl_config_change *change, const tl_json_difference *difference, tl_change_named names) {
-    size_t number = change->barred++;
-    if (number < TL_CONFIG_BARRED) {
-        tl_config_barred *barred = &change->bar[number];
-        *barred = (tl_config_barred){.names = names};
-        barred->is_installed =
+    size_t number = change->privileged_count++;
+    if (number < TL_CONFIG_PRIVILEGED) {
+        tl_config_privileged *privileged = &change->privileged[number];
+        *privileged = (tl_config_privileged){.names = names};
+        privileged->lacks_hash =
             names == TL_NAMES_FMU && cJSON_IsString(difference->after) && !is_path(difference->after);
-        tl_json_steps_path(barred->path, difference->way, difference->depth);
-        tl_json_show(difference->after, barred->found, sizeof barred->found);
+        tl_json_steps_path(privileged->path, difference->way, difference->depth);
+        tl_json_show(difference->after, privileged->found, sizeof privileged->found);
     }
 }
 

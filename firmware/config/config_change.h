@@ -115,8 +115,8 @@ void tl_allowed_names_free(tl_allowed_names *allowed);
  * Thread:  one thread; plain data.
  */
 
-/* Largest number of listed edits and of listed barred values; bytes of a shown value. */
-enum { TL_CONFIG_EDITS = 64, TL_CONFIG_BARRED = 8, TL_CONFIG_EDIT_SHOWN = 64 };
+/* Largest number of listed edits and of listed privileged values; bytes of a shown value. */
+enum { TL_CONFIG_EDITS = 64, TL_CONFIG_PRIVILEGED = 8, TL_CONFIG_EDIT_SHOWN = 64 };
 
 /* One difference. An object or array that was added or removed as a whole is one difference; its
  * requirements include those of all parts. Another order of keys: `before` is "entries", `after` is
@@ -129,20 +129,20 @@ typedef struct tl_config_edit {
 } tl_config_edit;
 
 /* A value that needs TL_RIGHT_BOX: an edit, or a part of one. */
-typedef struct tl_config_barred {
+typedef struct tl_config_privileged {
     char path[TL_JSON_PATH];
     char found[TL_CONFIG_EDIT_SHOWN]; /* as JSON, cut */
     tl_change_named names;
-    bool is_installed; /* an FMU without folder and sha256; with its sha256 it would be permitted */
-} tl_config_barred;
+    bool lacks_hash; /* an FMU without folder and sha256; with its sha256 it would be permitted */
+} tl_config_privileged;
 
 typedef struct tl_config_change {
     tl_change_needs needs; /* of all edits: the strictest kind, the highest right; no `names` */
     size_t count;          /* number of all edits */
     size_t listed;         /* number of elements of `edits`; if not all fit, the strictest edits */
     tl_config_edit edits[TL_CONFIG_EDITS];
-    size_t barred; /* number of all barred values; `bar` has the first ones */
-    tl_config_barred bar[TL_CONFIG_BARRED];
+    size_t privileged_count; /* number of all of them; `privileged` has the first ones */
+    tl_config_privileged privileged[TL_CONFIG_PRIVILEGED];
 } tl_config_change;
 
 /* Finds all differences. `active_text` (the active configuration) and `candidate` are texts that

@@ -277,7 +277,7 @@ void tl_config_read_delays(tl_config_object *root, tl_config *config) {
     static const char *const expected = "an object or \"measure\"";
     static const char *const example = "{\"participants\": {…}, \"output\": {…}}";
     const cJSON *item = tl_config_get(root, "delays", TL_CONFIG_OPTIONAL, expected, example);
-    tl_config_delays *delays = item != NULL ? tl_config_take(root->reader, 1, sizeof *delays) : NULL;
+    tl_config_delays *delays = item != NULL ? tl_config_allocate(root->reader, 1, sizeof *delays) : NULL;
     tl_config_object object;
     if (delays == NULL) {
         return;

@@ -298,10 +298,10 @@ static void find_lookups(tl_config_object *root, tl_config *config) {
  */
 static tl_config_signal *add_look_up(tl_config_reader *reader, tl_config *config, size_t from, const char *suffix,
                                      const char **names) {
-    tl_config_signal *signal = &config->signals[config->signal_count + config->second_count];
+    tl_config_signal *signal = &config->signals[config->signal_count + config->further_count];
     size_t of = config->signals[from].of;
     size_t size = sizeof PLANT + strlen(config->signals[of].plan.name) + strlen(suffix);
-    char *name = tl_config_take(reader, size, 1);
+    char *name = tl_config_allocate(reader, size, 1);
     if (name == NULL) {
         return NULL;
     }
@@ -312,7 +312,7 @@ static tl_config_signal *add_look_up(tl_config_reader *reader, tl_config *config
     for (size_t i = 0; i < config->match_count; i++) {
         names[i] = tl_config_signal_of(config, config->match[i].to) == of ? name : names[i];
     }
-    config->second_count++;
+    config->further_count++;
     return signal;
 }
 
@@ -340,12 +340,12 @@ static void add_reading(tl_config_reader *reader, tl_config *config, size_t matc
 /* A matched signal that is used as it came needs no NAME@reading. If there is no room, it is left
  * out. */
 static void add_readings(tl_config_reader *reader, tl_config *config) {
-    size_t count = config->signal_count + config->second_count;
+    size_t count = config->signal_count + config->further_count;
     for (size_t i = 0; i < count; i++) {
         const tl_config_signal *signal = &config->signals[i];
         bool is_changed = signal->between != TL_BETWEEN_LAST || tl_condition_is_needed(&signal->condition);
         if (signal->is_matched && !signal->feeds && is_changed &&
-            config->signal_count + config->second_count < TL_MAX_SIGNALS) {
+            config->signal_count + config->further_count < TL_MAX_SIGNALS) {
             add_reading(reader, config, i);
         }
     }
@@ -353,10 +353,10 @@ static void add_readings(tl_config_reader *reader, tl_config *config) {
 
 static void check_count(const tl_config_object *root, const tl_config *config) {
     char found[128];
-    size_t count = config->signal_count + config->second_count;
+    size_t count = config->signal_count + config->further_count;
     if (count > TL_MAX_SIGNALS) {
         (void)snprintf(found, sizeof found, "%zu signals, and %zu of them feed an input and are matched",
-                       config->signal_count, config->second_count);
+                       config->signal_count, config->further_count);
         tl_config_wrong(
             root, config->delays != NULL ? "delays" : "plant", found,
             "at most 64 in all (with \"delays\", \"between\" or \"condition\", a signal with both uses counts twice)",
@@ -366,9 +366,9 @@ static void check_count(const tl_config_object *root, const tl_config *config) {
 
 void tl_config_build_lookups(tl_config_object *root, tl_config *config) {
     size_t room = config->signal_count + 2 * config->match_count;
-    tl_config_signal *signals = tl_config_take(root->reader, room, sizeof *signals);
-    config->matched_as = tl_config_take(root->reader, config->match_count, sizeof *config->matched_as);
-    config->reading_as = tl_config_take(root->reader, config->match_count, sizeof *config->reading_as);
+    tl_config_signal *signals = tl_config_allocate(root->reader, room, sizeof *signals);
+    config->matched_as = tl_config_allocate(root->reader, config->match_count, sizeof *config->matched_as);
+    config->reading_as = tl_config_allocate(root->reader, config->match_count, sizeof *config->reading_as);
     if (signals == NULL || config->matched_as == NULL || config->reading_as == NULL || config->signals == NULL) {
         return;
     }
@@ -413,7 +413,7 @@ const char *tl_config_reading_of(const tl_config *config, size_t match) {
 }
 
 void tl_config_use_lookups(tl_config *config) {
-    config->signal_count = config->own_count + config->second_count;
+    config->signal_count = config->own_count + config->further_count;
 }
 
 tl_config_measured tl_config_measures_delay(const tl_config *config) {
@@ -427,7 +427,7 @@ void tl_config_forget_delays(tl_config *config) {
     config->delays = NULL;
     config->input_lookup = (tl_delay_lookup){0};
     config->output_lookup = (tl_delay_lookup){0};
-    config->second_count = 0;
+    config->further_count = 0;
     for (size_t i = 0; i < config->signal_count; i++) {
         config->signals[i].look_back = 0;
         config->signals[i].next = false;

@@ -33,7 +33,7 @@ static void read_of_kind(tl_config_object *entry, const tl_driver *row, tl_confi
     /* The shortest period equals the shortest step. */
     static const tl_config_number period = {.minimum = 1e-5, .maximum = 3600, .example = "0.1"};
     tl_config_object object;
-    void *settings = tl_config_take(entry->reader, 1, row->settings_bytes);
+    void *settings = tl_config_allocate(entry->reader, 1, row->settings_bytes);
     if (settings != NULL) {
         (void)tl_config_member(entry, row->name, TL_CONFIG_REQUIRED, row->source_example, &object);
         source->driver = row;
@@ -76,7 +76,7 @@ static void read_named_source(const tl_config_object *map, const cJSON *item, si
     if (tl_config_entry(map, item, "{\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}", &entry)) {
         read_source(&entry, source);
     }
-    source->where = tl_config_keep(map->reader, entry.path);
+    source->where = tl_config_copy_path(map->reader, entry.path);
 }
 
 void tl_config_read_sources(tl_config_object *root, tl_config *config) {
@@ -159,7 +159,7 @@ static void read_channel(tl_config_object *entry, const tl_driver *row, tl_confi
         (void)snprintf(found, sizeof found, "%s in addition to another live source", row->signal_key);
         tl_config_wrong(entry, row->signal_key, found, "at most one live source", NULL);
     }
-    target->channel = tl_config_take(entry->reader, 1, row->channel_bytes);
+    target->channel = tl_config_allocate(entry->reader, 1, row->channel_bytes);
     if (target->channel != NULL) {
         const cJSON *named = read_source_name(&object, row, target);
         further.source = SIZE_MAX;
@@ -251,7 +251,7 @@ static void read_named_signal(const tl_config_object *map, const cJSON *item, si
     if (tl_config_entry(map, item, "{\"unit\": \"rad/s\"}", &entry)) {
         read_signal(&entry, signal);
     }
-    signal->plan.where = tl_config_keep(map->reader, entry.path);
+    signal->plan.where = tl_config_copy_path(map->reader, entry.path);
 }
 
 void tl_config_read_signals(tl_config_object *root, tl_config *config) {

@@ -182,13 +182,13 @@ void tl_config_wrong(const tl_config_object *object, const char *key, const char
 
 /* ---- memory ---- */
 
-void *tl_config_take(tl_config_reader *reader, size_t count, size_t size) {
+void *tl_config_allocate(tl_config_reader *reader, size_t count, size_t size) {
     void *memory = tl_arena_take(reader->arena, count, size);
     reader->out_of_memory = reader->out_of_memory || memory == NULL;
     return memory;
 }
 
-const char *tl_config_keep(tl_config_reader *reader, const char *path) {
+const char *tl_config_copy_path(tl_config_reader *reader, const char *path) {
     const char *kept = tl_arena_text(reader->arena, path);
     reader->out_of_memory = reader->out_of_memory || kept == NULL;
     return kept != NULL ? kept : "";
@@ -293,7 +293,7 @@ size_t tl_config_entries(tl_config_object *object, const char *key, const tl_con
 void *tl_config_take_entries(tl_config_object *object, const char *key, const tl_config_map *rule, size_t size,
                              tl_config_object *map, size_t *count) {
     *count = tl_config_entries(object, key, rule, map);
-    void *entries = tl_config_take(object->reader, *count, size);
+    void *entries = tl_config_allocate(object->reader, *count, size);
     if (entries == NULL) {
         map->json = NULL;
         *count = 0;

@@ -162,10 +162,10 @@ void tl_config_wrong_item(const tl_config_reader *reader, const cJSON *item, con
 
 /* Allocates `count` zeroed objects of `size` bytes in the configuration's arena. If memory is out,
  * returns NULL and sets out_of_memory. */
-void *tl_config_take(tl_config_reader *reader, size_t count, size_t size);
+void *tl_config_allocate(tl_config_reader *reader, size_t count, size_t size);
 
 /* Copies a path to the arena. If memory is out, returns "" and sets out_of_memory. */
-const char *tl_config_keep(tl_config_reader *reader, const char *path);
+const char *tl_config_copy_path(tl_config_reader *reader, const char *path);
 
 /* ---- Names in a configuration: their form, and their targets.
  *

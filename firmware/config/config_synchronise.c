@@ -41,7 +41,7 @@ static void read_event(tl_config_object *horizon, tl_config *config) {
                           &event)) {
         return;
     }
-    config->event.where = tl_config_keep(horizon->reader, event.path);
+    config->event.where = tl_config_copy_path(horizon->reader, event.path);
     read_edge(&event, "start", "\"plant.move_out\"", &config->event.start);
     read_edge(&event, "end", "\"plant.extended\"", &config->event.end);
     (void)tl_config_get_duration(&event, "window_s", TL_CONFIG_REQUIRED, "0.08", &config->event.window);
@@ -147,7 +147,7 @@ static void read_output(const tl_config_object *map, const cJSON *item, size_t i
     begin_variable(map, item, list->example, &entry);
     *match = tl_plan_match_defaults(item->string, NULL, 1);
     match->weight = list->weighted ? match->weight : 0;
-    match->where = tl_config_keep(map->reader, entry.path);
+    match->where = tl_config_copy_path(map->reader, entry.path);
     if (tl_config_get_text(&entry, "to", TL_CONFIG_REQUIRED, "\"plant.omega\"", &match->to)) {
         tl_config_check_reference_of(&entry, "to", match->to, TL_CONFIG_SIGNAL);
     }
@@ -165,8 +165,8 @@ static void read_match(tl_config_object *parent, const char *key, const tl_confi
     tl_config *config = list->config;
     tl_config_object map;
     config->match = tl_config_take_entries(parent, key, rule, sizeof *config->match, &map, &config->match_count);
-    config->matched_between = tl_config_take(parent->reader, config->match_count, sizeof *config->matched_between);
-    config->conditions = tl_config_take(parent->reader, config->match_count, sizeof *config->conditions);
+    config->matched_between = tl_config_allocate(parent->reader, config->match_count, sizeof *config->matched_between);
+    config->conditions = tl_config_allocate(parent->reader, config->match_count, sizeof *config->conditions);
     if (config->matched_between != NULL && config->conditions != NULL) {
         tl_config_each(&map, read_output, list);
     }
@@ -236,7 +236,7 @@ static void read_variable(const tl_config_object *map, const cJSON *item, size_t
     tl_config_object entry;
     begin_variable(map, item, "{\"step\": 0.05}", &entry);
     *adjust = tl_plan_adjust_defaults(item->string, 0);
-    adjust->where = tl_config_keep(map->reader, entry.path);
+    adjust->where = tl_config_copy_path(map->reader, entry.path);
     /* Only the FMU shows later whether the variable is a Boolean, which needs no step. A step of 0
      * means that none was given. */
     (void)tl_config_get_number(&entry, "step", &step, &adjust->step);

@@ -104,7 +104,7 @@ static void read_alarm(const tl_config_object *map, const cJSON *item, size_t in
     bool has_above = tl_config_get_number(&entry, "above", &any, &alarm->above);
     bool has_below = tl_config_get_number(&entry, "below", &any, &alarm->below);
     (void)tl_config_get_number(&entry, "for_s", &time, &lasts_s);
-    alarm->lasts = tl_config_duration(lasts_s);
+    alarm->averaging_time = tl_config_duration(lasts_s);
     tl_config_done(&entry);
     if (is_object && !cJSON_HasObjectItem(item, "above") && !cJSON_HasObjectItem(item, "below")) {
         tl_config_wrong(map, item->string, NULL, "above, below, or both", example);
@@ -198,7 +198,7 @@ static void read_column(const tl_config_object *map, const cJSON *item, size_t i
         (void)tl_config_get_number(&entry, "noise", &noise, &emulated->noise);
         tl_config_done(&entry);
     }
-    emulated->where = tl_config_keep(map->reader, entry.path);
+    emulated->where = tl_config_copy_path(map->reader, entry.path);
 }
 
 void tl_config_read_emulate(tl_config_object *root, tl_config *config) {
@@ -249,7 +249,7 @@ static void read_set(tl_config_object *entry, tl_config_component *component) {
     cJSON_ArrayForEach(item, map.json) {
         char path[TL_JSON_PATH];
         tl_json_member_path(path, map.path, item->string);
-        set->where = tl_config_keep(entry->reader, path);
+        set->where = tl_config_copy_path(entry->reader, path);
         set->variable = item->string;
         if (cJSON_IsString(item) || cJSON_IsBool(item) || cJSON_IsNumber(item)) {
             fill_value(item, &set->value);
@@ -289,7 +289,7 @@ typedef struct names_key {
 static size_t read_names(tl_config_object *entry, const names_key *key, tl_config_name **names) {
     const cJSON *array = tl_config_get_array(entry, key->key, key->expected, key->example);
     size_t count = (size_t)cJSON_GetArraySize(array);
-    *names = tl_config_take(entry->reader, count, sizeof **names);
+    *names = tl_config_allocate(entry->reader, count, sizeof **names);
     if (*names == NULL) {
         return count;
     }
@@ -300,7 +300,7 @@ static size_t read_names(tl_config_object *entry, const names_key *key, tl_confi
         char path[TL_JSON_PATH];
         tl_json_member_path(list, entry->path, key->key);
         tl_json_element_path(path, list, i);
-        (*names)[i].where = tl_config_keep(entry->reader, path);
+        (*names)[i].where = tl_config_copy_path(entry->reader, path);
         if (cJSON_IsString(item) && item->valuestring[0] != '\0' && tl_text_is_plain(item->valuestring)) {
             (*names)[i].name = item->valuestring;
         } else {
@@ -357,7 +357,7 @@ static void read_component(const tl_config_object *map, const cJSON *item, size_
         (void)tl_config_get_boolean(&entry, "logging", &component->logging);
         tl_config_done(&entry);
     }
-    component->where = tl_config_keep(map->reader, entry.path);
+    component->where = tl_config_copy_path(map->reader, entry.path);
 }
 
 void tl_config_read_components(tl_config_object *root, tl_config *config) {
@@ -383,7 +383,7 @@ static const char *read_end(const tl_config_reader *reader, const cJSON *item, c
 static void read_connection(tl_config_reader *reader, const cJSON *item, const char *path,
                             tl_plan_connection *connection) {
     char end_path[TL_JSON_PATH];
-    connection->where = tl_config_keep(reader, path);
+    connection->where = tl_config_copy_path(reader, path);
     if (!cJSON_IsArray(item) || cJSON_GetArraySize(item) != 2) {
         tl_config_wrong_item(reader, item, path, NULL, "an array of two texts, from and to",
                              "[\"plant.torque\", \"motor.M_w\"]");
@@ -405,7 +405,7 @@ static int by_target(const void *left, const void *right) {
 
 /* Reports an input that is connected more than once. */
 static void check_targets(tl_config_reader *reader, const tl_config *config) {
-    const tl_plan_connection **sorted = tl_config_take(reader, config->connection_count, sizeof *sorted);
+    const tl_plan_connection **sorted = tl_config_allocate(reader, config->connection_count, sizeof *sorted);
     size_t count = 0;
     if (sorted == NULL) {
         return;
@@ -435,7 +435,7 @@ void tl_config_read_connections(tl_config_object *root, tl_config *config) {
     static const char *const example = "[[\"plant.torque\", \"motor.M_w\"]]";
     const cJSON *array = tl_config_get_array(root, "connect", expected, example);
     config->connection_count = (size_t)cJSON_GetArraySize(array);
-    config->connections = tl_config_take(root->reader, config->connection_count, sizeof *config->connections);
+    config->connections = tl_config_allocate(root->reader, config->connection_count, sizeof *config->connections);
     if (config->connections == NULL) {
         return;
     }

@@ -64,8 +64,8 @@ int tl_config_manager_role_run(void) {
     bool was_ready = status == TL_OK;
     if (was_ready) {
         tl_heartbeats_set_ready(&self.host.live_status->beats);
-        for (bool goes_on = true; goes_on && tl_interrupt_requested() == NULL;) {
-            goes_on = tl_config_manager_work(self.manager);
+        for (bool continues = true; continues && tl_interrupt_requested() == NULL;) {
+            continues = tl_config_manager_work(self.manager);
             tl_live_host_poll(&self.host);
             tl_thread_heartbeat_beat(heartbeat);
             tl_journal_drain(&self.setup.journal);

@@ -135,7 +135,7 @@ static tl_status open_writer(recorder *self, tl_error *error) {
         .queue_count = TL_LIVE_QUEUES,
         .ring = queue,
         .hand_over = TL_LIVE_HANDED_OVER,
-        .goes_on = has_no_handover,
+        .continues = has_no_handover,
         .observe = observe_entry,
         .context = self,
         .state = &self->own->state,

@@ -607,7 +607,7 @@ static tl_finding *find_limit(tl_change_detector *detector, const tl_config_alar
     for (size_t i = detector->state.count; i > 0; i--) {
         tl_finding *finding = &detector->state.finding[i - 1];
         if (finding->kind == TL_FINDING_LIMIT && finding->index == alarm->adjust) {
-            bool is_near = now - finding->gone <= RETURNS * tl_seconds(alarm->lasts);
+            bool is_near = now - finding->gone <= RETURNS * tl_seconds(alarm->averaging_time);
             return !finding->is_gone || is_near ? finding : NULL;
         }
     }

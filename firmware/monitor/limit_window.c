@@ -34,7 +34,7 @@ static tl_limit_side find_side(tl_limit_window *window, const tl_config_alarm *a
 
 tl_limit_side tl_limit_window_add(tl_limit_window *window, const tl_config_alarm *alarm, tl_time period, int64_t step,
                                   double value) {
-    const uint64_t lasts = (uint64_t)((alarm->lasts + period - 1) / period);
+    const uint64_t lasts = (uint64_t)((alarm->averaging_time + period - 1) / period);
     const uint64_t length = (lasts + TL_LIMIT_PARTS - 1) / TL_LIMIT_PARTS; /* steps of a part */
     const uint64_t parts = (lasts + length - 1) / length;
     window->first[TL_LIMIT_PARTS] = window->values == 0 ? step : window->first[TL_LIMIT_PARTS];

@@ -102,7 +102,7 @@ bool tl_recovery_step(tl_recovery *recovery, const tl_record *record, const tl_l
     recovery->windows = tally->windows;
     recovery->passed++;
     reset_pause(recovery, tally);
-    bool is_due = recovery->lock_monitor.inexact_component && recovery->passed >= recovery->pause &&
+    bool is_due = recovery->lock_monitor.is_astray && recovery->passed >= recovery->pause &&
                   recovery->lock_monitor.config->event.start.signal == NULL;
     if (is_due) {
         uint32_t longer = 2 * recovery->pause;
@@ -241,7 +241,7 @@ static void clear_window(tl_lock_monitor *monitor) {
     monitor->parts = 0;
     monitor->at = 0;
     monitor->u_count = 0;
-    monitor->inexact_component = false;
+    monitor->is_astray = false;
     clear_release(monitor);
 }
 
@@ -703,7 +703,7 @@ static bool assess_lost(tl_lock_monitor *monitor, const window *all, char *cause
     double far = share_of(all->far, compared);
     size_t which = 0;
     int period = 0;
-    monitor->inexact_component =
+    monitor->is_astray =
         far >= ASTRAY && share_of(all->jumps, compared) >= ASTRAY && is_still_astray(&monitor->part[monitor->at]);
     bool cycles = find_cycle(monitor, all, &which, &period) && is_beyond(outside, &OUTSIDE_IN_CYCLE, inside);
     if (all->ran_away != 0) {
@@ -785,7 +785,7 @@ static void write_corrected(const tl_lock_monitor *monitor, char *cause) {
 
 static tl_lock_state assess_window(tl_lock_monitor *monitor, const window *all, char *cause) {
     uint32_t compared = count_compared(all);
-    monitor->inexact_component = false;
+    monitor->is_astray = false;
     if (assess_free(monitor, all, cause)) {
         return TL_LOCK_FREE;
     }

@@ -182,7 +182,7 @@ typedef struct tl_lock_change {
 } tl_lock_change;
 
 /* Fields are private, except `tolerances`, `started`, `stay`, `release`, `frozen` and
- * `inexact_component`. */
+ * `is_astray`. */
 typedef struct tl_lock_monitor {
     const tl_config *config;
     const tl_lock_tolerances
@@ -203,7 +203,7 @@ typedef struct tl_lock_monitor {
     tl_release_check release;
     tl_frozen_watch frozen; /* the caller adds the samples (tl_frozen_watch_sample()) */
     bool judged;            /* a state was determined */
-    bool inexact_component; /* the twin is astray (see above), as determined last */
+    bool is_astray;         /* the twin is astray (see above), as determined last */
     uint64_t pending;       /* steps that are not yet counted in a state */
     tl_lock_tally tally;
     tl_lock_change change;

@@ -431,16 +431,16 @@ static void fit_one(const scorer *self, size_t index, tl_score_candidate *candid
                .rest = memory + series,
                .by_size = memory + series + self->size,
                .by_onset = memory + series + 2 * self->size};
-    bool goes_on = begin_fit(&own);
-    candidate->fitted = goes_on;
+    bool continues = begin_fit(&own);
+    candidate->fitted = continues;
     double distance = self->test->window.onset_spread / 2.0;
-    for (int i = 0; i < ITERATIONS && goes_on; i++) {
+    for (int i = 0; i < ITERATIONS && continues; i++) {
         double step[2] = {0.0, 0.0};
         double before = own.squares;
         distance = fmax(1.0, rint(distance / 2.0)); /* the response to a step has edges: go nearer */
-        goes_on = linearise(&own, distance, step) && !has_stopped(self);
-        bool is_better = goes_on && advance(&own, step) && before - own.squares > 0.01;
-        goes_on = goes_on && (is_better || distance > 1.0);
+        continues = linearise(&own, distance, step) && !has_stopped(self);
+        bool is_better = continues && advance(&own, step) && before - own.squares > 0.01;
+        continues = continues && (is_better || distance > 1.0);
     }
     double information = own.d > 0.0 ? own.a - own.b * own.b / own.d : own.a;
     candidate->size = own.size;

@@ -256,7 +256,7 @@ static tl_status load_tuning(tl_recording *recording, const tl_history_run *run,
     if (copy_earlier(recording, index)) {
         return TL_OK;
     }
-    tl_status status = tl_history_text(recording->history, found->hash, &known->text, error);
+    tl_status status = tl_history_configuration_text(recording->history, found->hash, &known->text, error);
     if (status == TL_OK) {
         status = parse_tuning(known->text, recording->config, &tuning->values, &why);
         return status == TL_OK ? TL_OK
@@ -341,7 +341,7 @@ static bool differs_in_lookups(tl_recording *recording, const tl_history_run *ru
     tl_config own;
     tl_error error;
     tl_report silent = {.add = NULL};
-    if (tl_history_text(recording->history, run->configuration_hash, &text, &error) != TL_OK ||
+    if (tl_history_configuration_text(recording->history, run->configuration_hash, &text, &error) != TL_OK ||
         tl_config_read_text(recording->config->path, text, strlen(text), &own, &silent) != TL_OK) {
         return has_delays(recording->config);
     }

@@ -17,7 +17,7 @@
  *          what its plant driver needs, but no other kind of socket or device. It can connect by
  *          TCP to `ports` only, from Linux 6.7 on. With `keeps_files` a recorder can remove and
  *          rename files below its writable folders, and change mode and owner of open files.
- *          Neither can listen, start programs or reach a local socket. With `may_answer` a server
+ *          Neither can listen, start programs or reach a local socket. With `is_server` a server
  *          that already listens can accept connections, and connect to local sockets only.
  * Thread:  call from the thread that will load FMUs, preferably before other threads exist.
  *          Landlock and capabilities apply to the calling thread and the threads that it starts.
@@ -60,7 +60,7 @@ typedef struct tl_confine_settings {
     const uint16_t *ports;        /* TCP ports to which the driver may connect; before Landlock 4: any port */
     size_t port_count;
     bool keeps_files;    /* see Others above */
-    bool may_answer;     /* see Others above */
+    bool is_server;      /* see Others above */
     bool only_denies;    /* true: signalling or tracing another process fails; false: it kills this process */
     int landlock;        /* private: version in use; 0: none */
     int landlock_newest; /* highest version to use, for tests; -1: no Landlock; 0: that of the kernel */

@@ -437,7 +437,7 @@ static int load(const tl_confine_settings *settings, uint32_t refuse, int *liste
     if (settings->plant != NULL) {
         add_driver(&list, settings->plant, settings->names);
     }
-    if (settings->may_answer) {
+    if (settings->is_server) {
         add_server(&list);
     }
     list.failure = list.failure != 0 ? list.failure : seccomp_load(list.context);

@@ -469,12 +469,12 @@ static void put_lock_tile(const tl_html_report *report, const tl_run_figures *fi
 
 /* Returns the saved executions in percent of those without saving; negative if catching up cost
  * more than was saved. */
-static double saved_share(const tl_recorder_component *entry) {
+static double saved_share(const tl_execution_counts *entry) {
     return entry->plain == 0 ? 0.0 : 100.0 * tl_run_component_saved(entry) / (double)entry->plain;
 }
 
 static void put_executions_tile(const tl_run_figures *figures, FILE *file) {
-    tl_recorder_component total = tl_run_figures_total(figures);
+    tl_execution_counts total = tl_run_figures_total(figures);
     begin_tile(file, "Executions of the models");
     if (figures->ledger_count == 0) {
         (void)fputs("–</p><p class=\"sub\">not recorded", file);
@@ -564,7 +564,7 @@ static void put_adjusted(const tl_html_report *report, const tl_run_figures *fig
 }
 
 static void put_ledger_row(FILE *file, const char *row, const char *name, size_t index,
-                           const tl_recorder_component *entry) {
+                           const tl_execution_counts *entry) {
     (void)fputs(row, file);
     put_name_cell(file, name);
     put_count_cell(file, "ledger", index, "executions", entry->executions);
@@ -574,7 +574,7 @@ static void put_ledger_row(FILE *file, const char *row, const char *name, size_t
 }
 
 static void put_ledger(const tl_run_figures *figures, FILE *file) {
-    tl_recorder_component total = tl_run_figures_total(figures);
+    tl_execution_counts total = tl_run_figures_total(figures);
     if (figures->ledger_count == 0) {
         return;
     }

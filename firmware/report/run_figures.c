@@ -95,10 +95,10 @@ double tl_run_figures_correction_mean(const tl_run_figures *figures, size_t adju
     return mean_of(&figures->adjust[adjust], figures->adjust[adjust].correction_sum);
 }
 
-tl_recorder_component tl_run_figures_total(const tl_run_figures *figures) {
-    tl_recorder_component total = {0};
+tl_execution_counts tl_run_figures_total(const tl_run_figures *figures) {
+    tl_execution_counts total = {0};
     for (size_t i = 0; i < figures->ledger_count; i++) {
-        const tl_recorder_component *counts = &figures->ledger[i].counts;
+        const tl_execution_counts *counts = &figures->ledger[i].counts;
         total.plain += counts->plain;
         total.predicted += counts->predicted;
         total.executions += counts->executions;
@@ -108,11 +108,11 @@ tl_recorder_component tl_run_figures_total(const tl_run_figures *figures) {
     return total;
 }
 
-double tl_run_component_saved(const tl_recorder_component *counts) {
+double tl_run_component_saved(const tl_execution_counts *counts) {
     return (double)counts->plain - (double)counts->executions;
 }
 
-int64_t tl_run_component_difference(const tl_recorder_component *counts) {
+int64_t tl_run_component_difference(const tl_execution_counts *counts) {
     return (int64_t)(counts->executions - counts->repeated - counts->predicted);
 }
 
@@ -138,7 +138,7 @@ void tl_figures_json_add_match(tl_json_writer *json, const tl_run_figures *figur
     tl_json_add_count(json, "rejected", figures->readings[match].left_out);
 }
 
-static void add_component(tl_json_writer *json, const char *name, const tl_recorder_component *counts) {
+static void add_component(tl_json_writer *json, const char *name, const tl_execution_counts *counts) {
     tl_json_open_object(json, name);
     tl_json_add_count(json, "plain", counts->plain);
     tl_json_add_count(json, "predicted", counts->predicted);
@@ -151,7 +151,7 @@ static void add_component(tl_json_writer *json, const char *name, const tl_recor
 }
 
 void tl_figures_json_add_components(tl_json_writer *json, const tl_run_figures *figures) {
-    tl_recorder_component total = tl_run_figures_total(figures);
+    tl_execution_counts total = tl_run_figures_total(figures);
     tl_json_open_object(json, "components");
     for (size_t i = 0; i < figures->ledger_count; i++) {
         add_component(json, figures->ledger[i].name, &figures->ledger[i].counts);

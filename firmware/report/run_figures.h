@@ -84,15 +84,15 @@ double tl_run_figures_mean(const tl_run_figures *figures, size_t adjust);
 double tl_run_figures_correction_mean(const tl_run_figures *figures, size_t adjust);
 
 /* Returns the sum of the ledger's counts over all components. */
-tl_recorder_component tl_run_figures_total(const tl_run_figures *figures);
+tl_execution_counts tl_run_figures_total(const tl_run_figures *figures);
 
 /* Returns the number of executions saved (`plain` − `executions`). It is negative if an FMU needed
  * more executions to catch up than were saved. */
-double tl_run_component_saved(const tl_recorder_component *counts);
+double tl_run_component_saved(const tl_execution_counts *counts);
 
 /* Returns the number of executions that were neither predicted nor done to catch up an FMU
  * (`difference` of tl_twin_ledger, which explains the sign). */
-int64_t tl_run_component_difference(const tl_recorder_component *counts);
+int64_t tl_run_component_difference(const tl_execution_counts *counts);
 
 /* ---- Key figures as JSON, shared by `replay --json`, `run --json` and `show --json`.
  *

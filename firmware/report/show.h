@@ -42,7 +42,7 @@ typedef enum tl_show_csv_table {
 } tl_show_csv_table;
 
 /* Prints the text for a terminal. */
-tl_status tl_show_page(const tl_show_request *request, FILE *file, tl_error *error);
+tl_status tl_show_text(const tl_show_request *request, FILE *file, tl_error *error);
 
 /* Prints one JSON object. It has the keys of `replay --json`, and others; see
  * docs/reference/database.md, "show --json". Errors: also TL_TRY_AGAIN if memory is out. */
@@ -56,9 +56,9 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
  * the database, TL_TRY_AGAIN if memory is out, and those of tl_new_file_open() (os.h). */
 tl_status tl_show_report(const tl_show_request *request, const char *path, tl_error *error);
 
-/* Output of callbacks of tl_history_visitor: kept in memory until they pause. Else a pager that does
- * not read on would block the callbacks, and with them the recorder, which cannot write its log
- * back during a transaction. */
+/* Output of callbacks of tl_history_visitor: kept in memory until they pause. Else a pager that
+ * does not read would block the callbacks within a transaction, and the recorder could not write
+ * its log back. */
 typedef struct tl_show_output {
     FILE *file; /* for the callbacks */
     FILE *to;

@@ -177,7 +177,7 @@ static void print_steps(const show_page *page) {
 
 /* The ledger is always that of the whole run. */
 static void print_ledger(const show_page *page) {
-    tl_recorder_component total = tl_run_figures_total(&page->summary.figures);
+    tl_execution_counts total = tl_run_figures_total(&page->summary.figures);
     if (total.plain == 0) {
         return;
     }
@@ -591,7 +591,7 @@ static void print_title(const show_page *page) {
     (void)fprintf(page->file, "%s, %s\n", clean_line(page, page->request->path), size);
 }
 
-tl_status tl_show_page(const tl_show_request *request, FILE *file, tl_error *error) {
+tl_status tl_show_text(const tl_show_request *request, FILE *file, tl_error *error) {
     bool unicode = request->style.unicode;
     static show_page page; /* static because it is too large for a small stack; `show` has one thread */
     page = (show_page){.request = request, .file = file, .until = unicode ? "…" : "to", .arrow = unicode ? "→" : "->"};

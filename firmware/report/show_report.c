@@ -27,7 +27,8 @@ typedef struct recorded_run {
 static tl_status read_configuration(recorded_run *run, tl_error *error) {
     tl_report report = {.add = NULL};
     const char *text = NULL;
-    tl_status status = tl_history_text(run->request->history, run->request->run->configuration_hash, &text, error);
+    tl_status status =
+        tl_history_configuration_text(run->request->history, run->request->run->configuration_hash, &text, error);
     if (status == TL_OK && tl_config_read_text("configuration", text, strlen(text), &run->config, &report) != TL_OK) {
         run->config = (tl_config){0};
     }

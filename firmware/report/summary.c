@@ -17,9 +17,9 @@
 bool tl_run_end_is_sound(const tl_summary *summary, const tl_account *account, const tl_config *config) {
     bool fits = account->components == config->component_count + 1 && account->matches == config->match_count &&
                 account->adjusts == config->adjust_count;
-    bool goes_on = (unsigned)summary->resumption.from <= (unsigned)TL_RESUMED_INPUTS;
+    bool continues = (unsigned)summary->resumption.from <= (unsigned)TL_RESUMED_INPUTS;
     bool judged = (unsigned)summary->lock.state < (unsigned)TL_LOCK_STATES;
-    return fits && judged && goes_on &&
+    return fits && judged && continues &&
            summary->figures.ledger_count == 0 /* its names are pointers, which the FMU process could forge */ &&
            tl_account_is_sound(account);
 }
@@ -314,7 +314,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     add_plant(&json, summary, config);
     add_adjusted(&json, &page);
     add_delays(&json, config, account);
-    tl_recorder_component total = tl_run_figures_total(&page.figures);
+    tl_execution_counts total = tl_run_figures_total(&page.figures);
     tl_json_open_object(&json, "cache");
     tl_json_add_number(&json, "saved", tl_run_component_saved(&total));
     tl_json_add_count(&json, "nodes_peak", page.figures.nodes_peak);
@@ -473,7 +473,7 @@ static void print_delays(const printing *page) {
 static void print_effort(const printing *page) {
     const tl_run_figures *figures = &page->figures;
     const tl_account *account = page->account;
-    tl_recorder_component total = tl_run_figures_total(figures);
+    tl_execution_counts total = tl_run_figures_total(figures);
     uint64_t executions = tl_account_executions(account);
     uint64_t free_executions = tl_run_figures_committed(figures) * account->components;
     print_line(page, "executions", "%" PRIu64 " (%.3f per free-running one), %" PRIu64 " evaluations", executions,

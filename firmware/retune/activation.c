@@ -339,7 +339,7 @@ static outcome begin_validation(tl_activation *self) {
                                .text = {[TL_WORKER_ACTIVE] = before,
                                         [TL_WORKER_KEPT] = kept,
                                         [TL_WORKER_COMMISSIONED] = commissioned,
-                                        [TL_WORKER_FULL_CHECK] = file,
+                                        [TL_WORKER_BOX_FILE] = file,
                                         [TL_WORKER_LIST] = list,
                                         [TL_WORKER_LIST_PATH] = list_path}};
     outcome started = start_worker(self, &job, VALIDATION_LIMIT, NULL);

@@ -224,9 +224,9 @@ static void answer_request(tl_config_manager *self, client_slot *client) {
         void (*answer_request)(tl_config_manager *self, client_slot *client);
         bool changes;
     } verbs[TL_CONTROL_VERBS] = {
-        [TL_CONTROL_SHOW] = {send_state, false},    [TL_CONTROL_READ] = {read_version, false},
-        [TL_CONTROL_TAKE] = {take_candidate, true}, [TL_CONTROL_VERSIONS] = {list_versions, false},
-        [TL_CONTROL_RETURN] = {roll_back, true},    [TL_CONTROL_CONFIRM] = {confirm_version, true},
+        [TL_CONTROL_SHOW] = {send_state, false},     [TL_CONTROL_READ] = {read_version, false},
+        [TL_CONTROL_APPLY] = {take_candidate, true}, [TL_CONTROL_VERSIONS] = {list_versions, false},
+        [TL_CONTROL_ROLL_BACK] = {roll_back, true},  [TL_CONTROL_CONFIRM] = {confirm_version, true},
     };
     if (verbs[self->request.verb].changes && self->request.right < TL_RIGHT_RETUNE) {
         finish_request(self, client, TL_CONTROL_FORBIDDEN, "this request needs the right retune");

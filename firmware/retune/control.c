@@ -240,7 +240,7 @@ static const char *fault_of(const tl_control_request *request, const char *text,
     if (!is_sound(request)) {
         return OTHER_VERSION;
     }
-    if ((request->verb == TL_CONTROL_TAKE) != (size != 0)) {
+    if ((request->verb == TL_CONTROL_APPLY) != (size != 0)) {
         return "the request has no configuration, or has one that it must not have";
     }
     if (size != 0) {

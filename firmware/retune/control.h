@@ -44,12 +44,12 @@ enum {
 
 /* Kind of a request. */
 typedef enum tl_control_verb {
-    TL_CONTROL_SHOW,     /* state of the plant: one STATE */
-    TL_CONTROL_READ,     /* text of a version: one CONFIGURATION */
-    TL_CONTROL_VERSIONS, /* a VERSION for each saved version, newest first, then for each refused candidate */
-    TL_CONTROL_TAKE,     /* a candidate: sends CHANGE, PROBLEM and STEP replies */
-    TL_CONTROL_CONFIRM,  /* ends the probation and keeps its version */
-    TL_CONTROL_RETURN,   /* activates `version` again; 0: cancels the change in progress or on probation */
+    TL_CONTROL_SHOW,      /* state of the plant: one STATE */
+    TL_CONTROL_READ,      /* text of a version: one CONFIGURATION */
+    TL_CONTROL_VERSIONS,  /* a VERSION for each saved version, newest first, then for each refused candidate */
+    TL_CONTROL_APPLY,     /* a candidate: sends CHANGE, PROBLEM and STEP replies */
+    TL_CONTROL_CONFIRM,   /* ends the probation and keeps its version */
+    TL_CONTROL_ROLL_BACK, /* activates `version` again; 0: cancels the change in progress or on probation */
     TL_CONTROL_VERBS
 } tl_control_verb;
 

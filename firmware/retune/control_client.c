@@ -376,7 +376,7 @@ tl_status tl_control_client_run(const tl_control_client_settings *settings, cons
         }
         status = tl_control_ask(self.socket, request, text, size, error);
     }
-    if (status == TL_OK && (request->verb == TL_CONTROL_TAKE || request->verb == TL_CONTROL_RETURN)) {
+    if (status == TL_OK && (request->verb == TL_CONTROL_APPLY || request->verb == TL_CONTROL_ROLL_BACK)) {
         set_handlers(print_hint);
     }
     while (status == TL_OK && !self.has_ended) {

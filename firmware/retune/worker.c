@@ -255,28 +255,28 @@ static void write_change(const tl_config_edit *edit, tl_control_change *change) 
 
 /* ---- names that only an administrator of the box may allow ---- */
 
-static void report_barred(tl_verdict *verdict, const tl_config_barred *barred, const char *list) {
+static void report_privileged(tl_verdict *verdict, const tl_config_privileged *privileged, const char *list) {
     char text[TL_CONTROL_TEXT];
-    if (barred->is_installed) {
+    if (privileged->lacks_hash) {
         (void)snprintf(text, sizeof text,
                        "found %s without its hash, expected \"sha256\" beside it (on the box: sha256sum FILE)",
-                       barred->found);
-    } else if (barred->names == TL_NAMES_FMU) {
+                       privileged->found);
+    } else if (privileged->names == TL_NAMES_FMU) {
         (void)snprintf(text, sizeof text,
                        "found %s, expected the name of an installed FMU, without a folder, and its \"sha256\"",
-                       barred->found);
-    } else if (barred->names != TL_NAMES_NOTHING && list[0] != '\0') {
+                       privileged->found);
+    } else if (privileged->names != TL_NAMES_NOTHING && list[0] != '\0') {
         (void)snprintf(
             text, sizeof text,
             "found %s, expected a name in the active configuration, in its file on the box or in %.300s: root can "
             "add the line there: %s NAME",
-            barred->found, list, barred->names == TL_NAMES_FILE ? "file" : "library");
+            privileged->found, list, privileged->names == TL_NAMES_FILE ? "file" : "library");
     } else {
         (void)snprintf(text, sizeof text,
                        "found %s, expected no such key: change it on the box, with `twinlock reload` without --right",
-                       barred->found);
+                       privileged->found);
     }
-    add_problem(verdict, TL_BAD_DATA, barred->path, text);
+    add_problem(verdict, TL_BAD_DATA, privileged->path, text);
 }
 
 /* The active configuration's names are allowed. If the file on the box is invalid, its names are
@@ -287,7 +287,7 @@ static tl_status find_allowed(const tl_worker_job *job, tl_allowed_names *allowe
     if (status == TL_OK) {
         status = tl_allowed_names_add_configuration(allowed, job->text[TL_WORKER_ACTIVE], error);
     }
-    (void)tl_allowed_names_add_configuration(allowed, job->text[TL_WORKER_FULL_CHECK], &ignored);
+    (void)tl_allowed_names_add_configuration(allowed, job->text[TL_WORKER_BOX_FILE], &ignored);
     return status;
 }
 
@@ -316,10 +316,10 @@ static tl_status find_change(const tl_worker_job *job, tl_verdict *verdict, tl_e
         write_change(&change.edits[i], &verdict->change[i]);
     }
     verdict->changes = (uint32_t)change.count;
-    for (size_t i = 0; i < change.barred && i < TL_CONFIG_BARRED; i++) {
-        report_barred(verdict, &change.bar[i], job->text[TL_WORKER_LIST_PATH]);
+    for (size_t i = 0; i < change.privileged_count && i < TL_CONFIG_PRIVILEGED; i++) {
+        report_privileged(verdict, &change.privileged[i], job->text[TL_WORKER_LIST_PATH]);
     }
-    verdict->problems = (uint32_t)change.barred;
+    verdict->problems = (uint32_t)change.privileged_count;
     return TL_OK;
 }
 

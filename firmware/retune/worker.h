@@ -46,7 +46,7 @@ typedef enum tl_worker_text {
     TL_WORKER_ACTIVE,       /* the active version; "": none */
     TL_WORKER_KEPT,         /* the version that a probation would return to; "": the active one */
     TL_WORKER_COMMISSIONED, /* the newest commissioned version (versions.h); "": the active one */
-    TL_WORKER_FULL_CHECK,   /* the configuration file on the box, whose names are allowed too; "": unknown */
+    TL_WORKER_BOX_FILE,     /* the configuration file on the box, whose names are allowed too; "": unknown */
     TL_WORKER_LIST,         /* the administrator's list of allowed names (config_change.h); "": none */
     TL_WORKER_LIST_PATH,    /* path of that list, for messages */
     TL_WORKER_TEXTS

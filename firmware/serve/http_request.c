@@ -196,13 +196,13 @@ static const route ROUTES[] = {
     {"", "GET", "", TL_CONTROL_SHOW, false, false},
     {"/configuration", "GET", "", TL_CONTROL_READ, false, false},
     {"/configuration", "PUT", "check restart confirm wait accept_worse probation shadow require_lock why",
-     TL_CONTROL_TAKE, true, true},
+     TL_CONTROL_APPLY, true, true},
     {"/versions", "GET", "", TL_CONTROL_VERSIONS, false, false},
     {"/versions/", "GET", "", TL_CONTROL_READ, false, false},
     {"/confirm", "POST", "why", TL_CONTROL_CONFIRM, true, false},
-    {"/return", "POST", "version restart wait accept_worse probation shadow require_lock why", TL_CONTROL_RETURN, true,
-     false},
-    {"/change", "DELETE", "why wait", TL_CONTROL_RETURN, true, false},
+    {"/return", "POST", "version restart wait accept_worse probation shadow require_lock why", TL_CONTROL_ROLL_BACK,
+     true, false},
+    {"/change", "DELETE", "why wait", TL_CONTROL_ROLL_BACK, true, false},
 };
 
 static tl_http_status refuse(char *sentence, tl_http_status status, const char *why) {

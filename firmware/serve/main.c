@@ -154,7 +154,7 @@ static tl_status confine(const program_options *options, tl_error *error) {
                                           .file_bytes = 2 * (uint64_t)TL_CONTROL_MOST,
                                           .start_socket = -1,
                                           .whole_process = true,
-                                          .may_answer = true,
+                                          .is_server = true,
                                           .only_denies = true};
     tl_status status = tl_confine(&settings, &facts, NULL, error);
     if (status == TL_OK && (!facts.filter || facts.landlock == 0)) {

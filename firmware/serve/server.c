@@ -61,7 +61,7 @@ struct tl_server {
 /* ---- Audit: one line for each request that may change something, when its result is known. */
 
 static const char *verb_of(const tl_control_request *control) {
-    if (control->verb == TL_CONTROL_TAKE) {
+    if (control->verb == TL_CONTROL_APPLY) {
         return (control->flags & TL_CONTROL_ONLY_CHECK) != 0 ? "check" : "change";
     }
     return control->verb == TL_CONTROL_CONFIRM ? "confirm" : "return";

@@ -366,7 +366,7 @@ static tl_status query_row(tl_history *history, const char *sql, int64_t run, in
     return status;
 }
 
-tl_status tl_history_text(tl_history *history, const char *hash, const char **text, tl_error *error) {
+tl_status tl_history_configuration_text(tl_history *history, const char *hash, const char **text, tl_error *error) {
     sqlite3_stmt *statement = NULL;
     *text = NULL;
     tl_status status =

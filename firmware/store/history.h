@@ -89,7 +89,7 @@ tl_status tl_history_tunings(tl_history *history, const tl_history_run *run, con
 
 /* Returns the text of a configuration. `hash`: of a run or a tuning. *text is "" if the text was
  * unknown, or was removed with the ticks of its runs. */
-tl_status tl_history_text(tl_history *history, const char *hash, const char **text, tl_error *error);
+tl_status tl_history_configuration_text(tl_history *history, const char *hash, const char **text, tl_error *error);
 
 /* Returns the signals of one kind, in the order of the arrays of tl_sample (plant) and tl_record
  * (match, adjust). */

@@ -255,7 +255,7 @@ bool tl_record_queue_put_sample(tl_record_queue *queue, const tl_sample *sample)
     return found;
 }
 
-bool tl_record_queue_put_step(tl_record_queue *queue, const tl_record *record, const tl_recorder_component *ledger) {
+bool tl_record_queue_put_step(tl_record_queue *queue, const tl_record *record, const tl_execution_counts *ledger) {
     tl_ring_writer pen;
     bool found = find_room(queue, TL_ENTRY_STEP, &pen);
     if (found) {

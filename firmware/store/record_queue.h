@@ -136,7 +136,7 @@ void tl_record_queue_name_configuration(tl_record_queue *queue, const tl_run_tun
  * A sample needs room for its step too. `ledger`: counts of all components after the step. */
 bool tl_record_queue_put_start(tl_record_queue *queue, const tl_record_queue_start *start);
 bool tl_record_queue_put_sample(tl_record_queue *queue, const tl_sample *sample);
-bool tl_record_queue_put_step(tl_record_queue *queue, const tl_record *record, const tl_recorder_component *ledger);
+bool tl_record_queue_put_step(tl_record_queue *queue, const tl_record *record, const tl_execution_counts *ledger);
 bool tl_record_queue_put_end(tl_record_queue *queue, const char *reason); /* truncated to TL_RECORDER_REASON */
 
 /* put_tuning() records that the twin uses this tuning from tuning->tick on; call it just before

@@ -55,7 +55,7 @@ void tl_recorder_put_sample(tl_recorder *recorder, const tl_sample *sample) {
     (void)tl_record_queue_put_sample(&recorder->queue, sample);
 }
 
-void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record, const tl_recorder_component *ledger) {
+void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record, const tl_execution_counts *ledger) {
     wait_for_room(recorder);
     (void)tl_record_queue_put_step(&recorder->queue, record, ledger);
 }

@@ -52,7 +52,7 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
  * calls wait or lose the entry: see Faults. `ledger` has the counts of all
  * settings.component_count components after this step; step and counts are committed together. */
 void tl_recorder_put_sample(tl_recorder *recorder, const tl_sample *sample);
-void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record, const tl_recorder_component *ledger);
+void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record, const tl_execution_counts *ledger);
 
 /* Records the tuning that the twin uses from tuning->tick on; call before that tick's sample. Its
  * configuration must be in settings.known, or be settings.configuration. */

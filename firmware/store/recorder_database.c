@@ -278,7 +278,7 @@ struct tl_recorder_database {
     bool has_ledger; /* a step of this batch has set it */
     int64_t utc;     /* UTC − CLOCK_MONOTONIC, ms, of all instants in this file; INT64_MIN: not known yet */
     int64_t moved;   /* ms, by the last batch */
-    tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
+    tl_execution_counts ledger[TL_RECORDER_COMPONENTS];
     tl_periods *periods;
     int64_t newest_step, newest_sample; /* of the run, since this recorder writes it; -1: none */
     /* retention: */
@@ -1076,7 +1076,7 @@ int tl_recorder_database_has(tl_recorder_database *database, int64_t run, const 
 int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorder_totals *totals, const char *reason) {
     int code = SQLITE_OK;
     for (size_t i = 0; database->has_ledger && i < database->settings->component_count && code == SQLITE_OK; i++) {
-        const tl_recorder_component *component = &database->ledger[i];
+        const tl_execution_counts *component = &database->ledger[i];
         const cell row[] = {cell_whole((int64_t)i),           cell_count(component->plain),
                             cell_count(component->predicted), cell_count(component->executions),
                             cell_count(component->repeated),  cell_count(component->uncached)};

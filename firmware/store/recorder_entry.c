@@ -146,7 +146,7 @@ size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind k
     case TL_ENTRY_SAMPLE:
         return ends + sizeof(uint64_t) + sizeof(int64_t) + tl_packed_size(tl_packed_signals, shape);
     case TL_ENTRY_STEP:
-        return ends + tl_packed_size(tl_packed_record, shape) + shape->components * sizeof(tl_recorder_component);
+        return ends + tl_packed_size(tl_packed_record, shape) + shape->components * sizeof(tl_execution_counts);
     case TL_ENTRY_END:
         return ends + TL_RECORDER_REASON;
     case TL_ENTRY_TUNING:
@@ -236,7 +236,7 @@ void tl_recorder_entry_pack_sample(tl_ring_writer *pen, const tl_recorder_shape 
 }
 
 void tl_recorder_entry_pack_step(tl_ring_writer *pen, const tl_recorder_shape *shape, const tl_record *record,
-                                 const tl_recorder_component *ledger) {
+                                 const tl_execution_counts *ledger) {
     put_kind(pen, TL_ENTRY_STEP);
     put_parts(pen, tl_packed_record, shape, record);
     put_bytes(pen, ledger, shape->components * sizeof *ledger);

@@ -96,8 +96,8 @@ typedef struct tl_recorder_entry {
     tl_run_tuning tuning;        /* TL_ENTRY_TUNING; its values are not validated */
     tl_sample sample;            /* TL_ENTRY_SAMPLE; `instant` and `moved` are not set */
     tl_record record;            /* TL_ENTRY_STEP */
-    tl_recorder_component ledger[TL_RECORDER_COMPONENTS]; /* TL_ENTRY_STEP: counts per component */
-    char reason[TL_RECORDER_REASON];                      /* TL_ENTRY_END */
+    tl_execution_counts ledger[TL_RECORDER_COMPONENTS]; /* TL_ENTRY_STEP: counts per component */
+    char reason[TL_RECORDER_REASON];                    /* TL_ENTRY_END */
 } tl_recorder_entry;
 
 /* Return the size of an entry in bytes: of this kind (TL_ENTRY_START: with an account); of
@@ -123,7 +123,7 @@ void tl_recorder_entry_pack_start(tl_ring_writer *pen, const tl_record_queue_sta
 void tl_recorder_entry_pack_sample(tl_ring_writer *pen, const tl_recorder_shape *shape, const tl_sample *sample,
                                    tl_time start, uint64_t id);
 void tl_recorder_entry_pack_step(tl_ring_writer *pen, const tl_recorder_shape *shape, const tl_record *record,
-                                 const tl_recorder_component *ledger);
+                                 const tl_execution_counts *ledger);
 
 /* Writes TL_ENTRY_TUNING or TL_ENTRY_END, which have one part. */
 void tl_recorder_entry_pack_part(tl_ring_writer *pen, tl_recorder_kind kind, const void *part, size_t size);

@@ -119,7 +119,7 @@ int tl_recorder_file_find_run(tl_recorder_file *file, const tl_database_report *
             leave_previous(file, report);
         }
     }
-    file->goes_on = there;
+    file->continues = there;
     return code;
 }
 

@@ -27,14 +27,14 @@
 
 enum { TL_RECORDER_FATE = 80 };
 
-/* The caller may read all fields. It writes only `goes_on`, `lost_said` and `reason`. */
+/* The caller may read all fields. It writes only `continues`, `lost_said` and `reason`. */
 typedef struct tl_recorder_file {
     const tl_recorder_settings *record;
     tl_recorder_writer_state *state;
     tl_database_file file;
     tl_database_user user;
     tl_recorder_database *database; /* NULL: no file is open */
-    bool goes_on;                   /* an earlier writer began the run, and this one wrote nothing yet */
+    bool continues;                 /* an earlier writer began the run, and this one wrote nothing yet */
     bool is_kept;                   /* as far as known, the previous writer's file still has its data */
     char fate[TL_RECORDER_FATE];    /* what happened to the previous file, until it is reported; "": none */
     uint64_t lost_said;             /* part of the mark's totals.lost that was reported */

@@ -84,10 +84,10 @@ void tl_recorder_state_leave_file(tl_recorder_writer_state *state, bool gone) {
 
 void tl_recorder_state_add_event(tl_recorder_writer_state *state, int64_t tick, tl_severity severity,
                                  const char *source, const char *text) {
-    bool is_full = state->own_said - tl_recorder_state_mark(state)->said >= TL_WRITER_OWN_EVENTS;
-    uint64_t number = is_full ? state->own_said - 1 : state->own_said;
+    bool is_full = state->own_next - tl_recorder_state_mark(state)->said >= TL_WRITER_OWN_EVENTS;
+    uint64_t number = is_full ? state->own_next - 1 : state->own_next;
     tl_recorder_event_fill(&state->own[number % TL_WRITER_OWN_EVENTS], tick, severity, source, text);
-    __atomic_store_n(&state->own_said, number + 1, __ATOMIC_SEQ_CST);
+    __atomic_store_n(&state->own_next, number + 1, __ATOMIC_SEQ_CST);
 }
 
 tl_recorder_state_counts tl_recorder_state_get(const tl_recorder_writer_state *state) {

@@ -62,7 +62,7 @@ typedef struct tl_recorder_writer_state {
     tl_record_queue_taken taken[TL_WRITER_QUEUES];
     tl_recorder_mark marks[2];
     uint32_t current;  /* index of the committed mark; the other one is not committed yet */
-    uint64_t own_said; /* number of the next own event */
+    uint64_t own_next; /* number of the next own event */
     tl_recorder_event_entry own[TL_WRITER_OWN_EVENTS];
     uint64_t written; /* from here on: as in tl_recorder_state_counts, published for other threads */
     uint64_t dropped;

@@ -13,7 +13,7 @@
  * Handover: an END with the reason `hand_over` means that a run of another ring follows. The
  *           entries behind it belong to a run after that, and are read only after that run. If no
  *           process may continue, they are never read. If the reason was announced without cause,
- *           `goes_on` returns true.
+ *           `continues` returns true.
  */
 #include "firmware/store/recorder_writer.h"
 
@@ -286,7 +286,7 @@ static int begin_transaction(tl_recorder_writer *writer, size_t bytes) {
     int code = tl_recorder_database_begin(writer->file.database, next->run, bytes + count_configurations(writer));
     if (code == SQLITE_OK && next->run == 0) {
         code = tl_recorder_database_begin_run(writer->file.database, &next->start, !next->is_untimed, &next->run);
-    } else if (code == SQLITE_OK && writer->file.goes_on && !next->has_ended) {
+    } else if (code == SQLITE_OK && writer->file.continues && !next->has_ended) {
         code = tl_recorder_database_resume_run(writer->file.database);
     }
     const int64_t moved = tl_recorder_database_moved(writer->file.database);
@@ -323,7 +323,7 @@ static int end_batch(tl_recorder_writer *writer, int code) {
         return code;
     }
     tl_recorder_state_commit(writer->state);
-    file->goes_on = false;
+    file->continues = false;
     code = tl_recorder_database_tidy(file->database);
     if (code != SQLITE_OK) {
         tl_recorder_file_keep_reason(file, code);
@@ -337,7 +337,7 @@ static int end_batch(tl_recorder_writer *writer, int code) {
 static bool is_handed_over(const tl_recorder_writer *writer) {
     const tl_recorder_writer_settings *settings = &writer->settings;
     const tl_recorder_mark *mark = &writer->next;
-    return mark->hands_over && mark->ring == settings->ring && !settings->goes_on(settings->context);
+    return mark->hands_over && mark->ring == settings->ring && !settings->continues(settings->context);
 }
 
 /* Returns up to where the ring may be read. */
@@ -379,7 +379,7 @@ static void take_beginning(tl_recorder_writer *writer, uint64_t position) {
     next->is_cut = false;
     writer->is_stray = false;
     taken_of(writer)->ring = position;
-    writer->file.goes_on = false;
+    writer->file.continues = false;
 }
 
 /* ---- Observing ---- */
@@ -468,7 +468,7 @@ static int write_own_events(tl_recorder_writer *writer) {
     const tl_recorder_writer_state *state = writer->state;
     tl_recorder_mark *next = &writer->next;
     int code = SQLITE_OK;
-    for (; next->said < state->own_said && code == SQLITE_OK; next->said++) {
+    for (; next->said < state->own_next && code == SQLITE_OK; next->said++) {
         code = tl_recorder_database_event(writer->file.database, &state->own[next->said % TL_WRITER_OWN_EVENTS]);
         next->totals.events++;
         next->own++;
@@ -748,7 +748,7 @@ static int write_transaction(tl_recorder_writer *writer, uint64_t end, bool *mor
     uint64_t remaining = end - taken_of(writer)->ring;
     size_t bytes = remaining < limit ? (size_t)remaining : limit;
     size_t events = count_events(writer, end, limit / EVENT_BYTES);
-    bool has_own = writer->next.said != writer->state->own_said;
+    bool has_own = writer->next.said != writer->state->own_next;
     size_t missing = bytes_of_missing(writer, oldest_awaited(writer), limit);
     if (bytes == 0 && events == 0 && missing == 0 && !has_own && writer->next.run != 0) {
         return SQLITE_OK;
@@ -1104,7 +1104,7 @@ tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience,
     }
     report_loss(writer, why_lost(writer));
     tl_recorder_writer_write(writer);
-    while (((mark_of(writer)->has_begun && mark_of(writer)->said != writer->state->own_said) || !is_empty(writer)) &&
+    while (((mark_of(writer)->has_begun && mark_of(writer)->said != writer->state->own_next) || !is_empty(writer)) &&
            tl_clock_now(NULL) - began < patience) {
         tl_clock_sleep_until(tl_clock_now(NULL) + CLOSE_PAUSE);
         tl_recorder_writer_write(writer);

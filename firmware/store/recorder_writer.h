@@ -10,7 +10,7 @@
  * Rings:   at a handover, the next run comes through the ring of another queue. Then the present
  *          run ends with the reason `hand_over`, and this writer reads nothing after that END. When
  *          all entries before it are written (tl_recorder_writer_has_drained()), the caller closes
- *          this writer and opens one for the other ring, with the same state. If `goes_on` returns
+ *          this writer and opens one for the other ring, with the same state. If `continues` gives
  *          true, no other ring follows, and the writer continues with this ring. All writers must
  *          list the queues in the same order, because the state has one element for each.
  * Once:    each entry and event is written exactly once, even if the process is killed at any
@@ -61,13 +61,13 @@ typedef struct tl_recorder_writer_settings {
     const tl_recorder_settings *record; /* outlives the writer; component_count is ignored */
     const tl_recorder_writer_queue *queues;
     size_t queue_count;
-    size_t ring;                    /* index of the queue whose ring is read; of the others only events are */
-    const char *hand_over;          /* reason of an END before a handover, see Rings; NULL: no handover */
-    bool (*goes_on)(void *context); /* see Rings; in the writer's thread; NULL only without `hand_over` */
+    size_t ring;                      /* index of the queue whose ring is read; of the others only events are */
+    const char *hand_over;            /* reason of an END before a handover, see Rings; NULL: no handover */
+    bool (*continues)(void *context); /* see Rings; in the writer's thread; NULL only without `hand_over` */
     /* Called with each entry of the ring once, before it is written, and first with the start of
      * the present run. Also called while the database cannot be written. NULL: no observer. */
     void (*observe)(void *context, const tl_recorder_entry *entry);
-    void *context;                      /* of goes_on() and observe() */
+    void *context;                      /* of continues() and observe() */
     tl_recorder_writer_state *state;    /* outlives the writer */
     const tl_record_queue_start *first; /* a run that begins at once, without a START; or NULL */
     tl_thread_heartbeat *heartbeat;     /* of the caller's thread; beats with each batch; or NULL */

@@ -31,18 +31,18 @@ typedef struct tl_recorder_signal {
 } tl_recorder_signal;
 
 /* Counts of one component since the run began, as in tl_twin_ledger (master/twin/twin.h). */
-typedef struct tl_recorder_component {
+typedef struct tl_execution_counts {
     uint64_t plain;      /* executions if nothing were saved */
     uint64_t predicted;  /* executions that the ledger predicts */
     uint64_t executions; /* executions done */
     uint64_t repeated;   /* executions repeated so that an FMU catches up */
     uint64_t uncached;   /* results that the full cache did not store */
-} tl_recorder_component;
+} tl_execution_counts;
 
 /* A component and its counts. */
 typedef struct tl_run_component {
     const char *name;
-    tl_recorder_component counts;
+    tl_execution_counts counts;
 } tl_run_component;
 
 /* Largest number of components: the FMUs, and the plant as one more. */

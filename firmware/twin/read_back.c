@@ -94,20 +94,20 @@ static bool evaluate_answer(read_answer *answer, const tl_error *end, tl_read_ba
 /* Starts as many processes as needed: each one completes at least one component, or is the last. */
 static void run_readers(const tl_read_back_host *host, tl_read_back_report *report) {
     read_block *block = host->block;
-    bool goes_on = true;
-    while (goes_on) {
+    bool continues = true;
+    while (continues) {
         tl_error end = {.text = "the test ended before this component"};
         bool remains = false;
-        goes_on = false;
+        continues = false;
         (void)host->start_reader(host->context, &end);
         for (size_t i = 0; i < report->count; i++) {
             if (block->of[i].stage != STAGE_SKIPPED) {
                 bool settled = evaluate_answer(&block->of[i], &end, &report->of[i]);
-                goes_on = goes_on || settled;
+                continues = continues || settled;
                 remains = remains || !settled;
             }
         }
-        goes_on = goes_on && remains;
+        continues = continues && remains;
     }
 }
 

@@ -167,7 +167,7 @@ static bool read_tuning(tl_resume_history *self, const char *hash, int64_t tick,
     tl_error error;
     *tuning = (tl_run_tuning){.tick = tick};
     (void)snprintf(tuning->hash, sizeof tuning->hash, "%s", hash);
-    return tl_history_text(self->history, hash, &text, &error) == TL_OK &&
+    return tl_history_configuration_text(self->history, hash, &text, &error) == TL_OK &&
            tl_config_tuning_of(self->settings.config, text, &tuning->values, &error) == TL_OK;
 }
 

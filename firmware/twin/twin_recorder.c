@@ -52,11 +52,11 @@ tl_status tl_twin_recorder_open(const tl_config *config, const tl_account *accou
     return tl_recorder_open(&record->settings, recorder, error);
 }
 
-size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]) {
+size_t tl_twin_recorder_count(const tl_twin *twin, tl_execution_counts counts[TL_RECORDER_COMPONENTS]) {
     size_t count = tl_twin_get_facts(twin).components;
     for (size_t i = 0; i < count; i++) {
         tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
-        counts[i] = (tl_recorder_component){
+        counts[i] = (tl_execution_counts){
             entry.plain, entry.predicted, entry.executions, entry.repeated, entry.uncached,
         };
     }
@@ -78,7 +78,7 @@ void tl_twin_recorder_start(tl_record_queue *queue, const tl_twin *twin, tl_time
 }
 
 void tl_twin_recorder_put(tl_record_queue *queue, const tl_record *record, const tl_twin *twin) {
-    tl_recorder_component counts[TL_RECORDER_COMPONENTS];
+    tl_execution_counts counts[TL_RECORDER_COMPONENTS];
     (void)tl_twin_recorder_count(twin, counts);
     (void)tl_record_queue_put_step(queue, record, counts);
 }
@@ -87,8 +87,8 @@ void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_on_findi
     for (size_t i = 0; i < account->components; i++) {
         char text[320];
         const tl_account_component *entry = &account->component[i];
-        const tl_recorder_component counts = {entry->plain, entry->predicted, entry->executions, entry->repeated,
-                                              entry->uncached};
+        const tl_execution_counts counts = {entry->plain, entry->predicted, entry->executions, entry->repeated,
+                                            entry->uncached};
         int64_t difference = tl_run_component_difference(&counts);
         if (difference > 0) {
             int length = snprintf(text, sizeof text,

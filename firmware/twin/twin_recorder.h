@@ -43,7 +43,7 @@ void tl_twin_recorder_signals(const tl_config *config, const tl_account *account
 /* Reads the twin's present ledger (counts of executions per component), for tl_recorder_put_step().
  * In mode ahead the ledger is one step ahead of the record. Returns the number of entries: the
  * components and the plant. */
-size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]);
+size_t tl_twin_recorder_count(const tl_twin *twin, tl_execution_counts counts[TL_RECORDER_COMPONENTS]);
 
 /* Live run: begins a run in the record queue. `start`: instant of tick 0 (CLOCK_MONOTONIC). `twin`
  * NULL: safe hold. Not for two threads at the same time. */

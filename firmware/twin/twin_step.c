@@ -22,7 +22,7 @@ static const tl_time GUARD_INTERVAL = TL_SECOND / 1000;
 
 size_t tl_twin_result_size(const tl_config *config, tl_twin_attached attached) {
     return offsetof(tl_twin_result, attached) +
-           (attached == TL_ATTACHED_COUNTS    ? (config->component_count + 1) * sizeof(tl_recorder_component)
+           (attached == TL_ATTACHED_COUNTS    ? (config->component_count + 1) * sizeof(tl_execution_counts)
             : attached == TL_ATTACHED_OUTPUTS ? config->emulated_count * sizeof(double)
                                               : 0);
 }

@@ -43,7 +43,7 @@ typedef struct tl_twin_result {
     tl_twin_identifiability identifiability;
     tl_record record;
     union {
-        tl_recorder_component counts[TL_RECORDER_COMPONENTS];
+        tl_execution_counts counts[TL_RECORDER_COMPONENTS];
         double outputs[TL_MAX_SIGNALS];
     } attached; /* `counts` or `outputs`, by tl_twin_attached; unused elements are not sent */
 } tl_twin_result;

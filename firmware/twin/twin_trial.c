@@ -208,7 +208,7 @@ static bool verify_once(const tl_assembly *assembly, tl_late_verification *look)
     return look->status == TL_OK && (!outcome.found || outcome.mended);
 }
 
-void tl_late_verification_get(const tl_assembly *assembly, int64_t tick, tl_late_verification *look) {
+void tl_late_verification_run(const tl_assembly *assembly, int64_t tick, tl_late_verification *look) {
     walker walk;
     bool ready = false;
     *look = (tl_late_verification){.first = tick, .status = TL_OK};
@@ -394,7 +394,7 @@ static tl_status begin_methods(const tl_assembly *assembly, int64_t *tick, tl_er
 /* Returns true if all rollbacks were exact there too. */
 static bool verify_late(const tl_assembly *assembly, int64_t tick, tl_component_methods *ways, tl_error *error) {
     tl_late_verification look;
-    tl_late_verification_get(assembly, tick, &look);
+    tl_late_verification_run(assembly, tick, &look);
     bool is_exact = !look.outcome.found || look.outcome.mended;
     if (!is_exact) {
         name_component(ways->component, look.outcome.component);

@@ -48,7 +48,7 @@ typedef struct tl_late_verification {
 } tl_late_verification;
 
 /* Runs the test. `tick`: next tick of the twin, which has begun and has not taken a reading. */
-void tl_late_verification_get(const tl_assembly *assembly, int64_t tick, tl_late_verification *look);
+void tl_late_verification_run(const tl_assembly *assembly, int64_t tick, tl_late_verification *look);
 
 /* ---- Comparison of two twins of one configuration in one process: do the same inputs give the
  * same values, or does one disturb the other?

@@ -57,9 +57,9 @@ void tl_reading_meter_add_reading(tl_reading_meter *meter, tl_time time, double 
     meter->waiting[meter->count++] = (waiting){.time = time, .value = value};
 }
 
-void tl_reading_meter_step(tl_reading_meter *meter, tl_time end, double y, bool goes_on, tl_metrics *metrics) {
+void tl_reading_meter_step(tl_reading_meter *meter, tl_time end, double y, bool continues, tl_metrics *metrics) {
     tl_time begin = end - meter->step;
-    bool has_line = goes_on && meter->has_y && meter->end == begin;
+    bool has_line = continues && meter->has_y && meter->end == begin;
     size_t due = 0;
     for (; due < meter->count && meter->waiting[due].time <= end; due++) {
         const waiting *reading = &meter->waiting[due];

@@ -37,9 +37,9 @@ tl_reading_meter *tl_reading_meter_create(tl_arena *arena, tl_time step, size_t 
 void tl_reading_meter_add_reading(tl_reading_meter *meter, tl_time time, double value, tl_quality quality,
                                   tl_metrics *metrics);
 
-/* Adds the step that ends at `end` with output `y`, and compares the readings within it. `goes_on`:
- * the step started from the end of the step before, without a reset. */
-void tl_reading_meter_step(tl_reading_meter *meter, tl_time end, double y, bool goes_on, tl_metrics *metrics);
+/* Adds the step that ends at `end` with output `y`, and compares the readings within it.
+ * `continues`: the step started from the end of the step before, without a reset. */
+void tl_reading_meter_step(tl_reading_meter *meter, tl_time end, double y, bool continues, tl_metrics *metrics);
 
 /* Saves or loads all data (archive.h), but not the metrics, which belong to the caller. */
 void tl_reading_meter_archive(tl_reading_meter *meter, tl_archive *archive);

@@ -59,7 +59,7 @@ static void check(const tl_config_change *change) {
         worst = edit->needs.kind > worst ? edit->needs.kind : worst;
     }
     tl_fuzz_hold(worst == change->needs.kind);
-    tl_fuzz_hold((change->barred > 0) == (change->needs.right == TL_RIGHT_BOX));
+    tl_fuzz_hold((change->privileged_count > 0) == (change->needs.right == TL_RIGHT_BOX));
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {

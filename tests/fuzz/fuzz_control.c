@@ -84,7 +84,7 @@ static void fuzz_server(void) {
     if (tl_control_receive(&peer, &request, taken, &size) == TL_CONTROL_REQUEST) {
         tl_fuzz_hold(request.verb < TL_CONTROL_VERBS && request.right < TL_RIGHT_BOX);
         tl_fuzz_hold(request.origin < TL_ORIGIN_START && request.flags <= TL_CONTROL_FLAGS);
-        tl_fuzz_hold((request.verb == TL_CONTROL_TAKE) == (size != 0));
+        tl_fuzz_hold((request.verb == TL_CONTROL_APPLY) == (size != 0));
         hold_text(request.who, sizeof request.who);
         hold_text(request.why, sizeof request.why);
         tl_sha256(taken, size, hash);

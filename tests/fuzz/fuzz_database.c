@@ -75,7 +75,7 @@ static void ask(tl_history *history, const tl_history_run *run) {
     const char *text = NULL;
     tl_error error = {TL_OK, ""};
     int64_t step = 0;
-    expect(tl_history_text(history, run->configuration_hash, &text, &error), &error);
+    expect(tl_history_configuration_text(history, run->configuration_hash, &text, &error), &error);
     expect(tl_history_tunings(history, run, &tunings, &count, &error), &error);
     expect(tl_history_last_step(history, run, &step, &error), &error);
     expect(tl_history_checkpoint_before(history, run, INT64_MAX, &checkpoint, &error), &error);
@@ -91,7 +91,7 @@ static void show(tl_history *history, const tl_history_run *run, const char *pat
     if (file == NULL) {
         exit(1);
     }
-    expect(tl_show_page(&request, file, &error), &error);
+    expect(tl_show_text(&request, file, &error), &error);
     expect(tl_show_json(&request, file, &error), &error);
     for (int table = TL_SHOW_OUTPUTS; table <= TL_SHOW_EVENTS; table++) {
         expect(tl_show_csv(&request, (tl_show_csv_table)table, file, &error), &error);

@@ -43,7 +43,7 @@ static void check(const tl_http_request *request) {
     tl_fuzz_hold(hash == 0 || hash == TL_SHA256_TEXT - 1);
     tl_fuzz_hold(ends(control->why, sizeof control->why) && tl_text_is_plain(control->why));
     tl_fuzz_hold(request->body <= TL_CONTROL_MOST);
-    tl_fuzz_hold((request->body > 0) == (!request->wants_plants && control->verb == TL_CONTROL_TAKE));
+    tl_fuzz_hold((request->body > 0) == (!request->wants_plants && control->verb == TL_CONTROL_APPLY));
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {

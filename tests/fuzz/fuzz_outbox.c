@@ -43,7 +43,7 @@ static void put_start(unsigned what) {
 
 static bool put_step(unsigned what) {
     tl_record record = {.step = what, .flags = what % 32};
-    tl_recorder_component ledger = {.plain = what};
+    tl_execution_counts ledger = {.plain = what};
     return tl_record_queue_put_step(&queue, &record, &ledger);
 }
 

@@ -77,7 +77,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     }
     unsigned verb = tl_fuzz_take() % TL_CONTROL_VERBS;
     tl_dialogue dialogue = {
-        .is_asked = true, .socket = ends[0], .request = {.plant = "motor", .is_change = verb >= TL_CONTROL_TAKE}};
+        .is_asked = true, .socket = ends[0], .request = {.plant = "motor", .is_change = verb >= TL_CONTROL_APPLY}};
     dialogue.request.control.verb = verb;
     for (int i = 0; i < PACKETS; i++) {
         unsigned kind = tl_fuzz_take();

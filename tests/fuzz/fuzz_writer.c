@@ -113,7 +113,7 @@ static void put_entry(unsigned what) {
         return;
     }
     tl_record entry = {.step = number(), .used = number(), .objective = value(), .flags = what % 32};
-    tl_recorder_component ledger = {(uint64_t)number(), (uint64_t)number(), (uint64_t)number(), 0, 0};
+    tl_execution_counts ledger = {(uint64_t)number(), (uint64_t)number(), (uint64_t)number(), 0, 0};
     entry.y[0] = value();
     entry.u[0] = value();
     (void)tl_record_queue_put_step(&queue, &entry, &ledger);
@@ -160,7 +160,7 @@ static void read_run(tl_history *history, const tl_history_run *run) {
     const tl_history_tuning *tunings = NULL;
     const char *text = NULL;
     tl_fuzz_hold(tl_history_tunings(history, run, &tunings, &count, NULL) == TL_OK);
-    tl_fuzz_hold(count == 0 || tl_history_text(history, tunings[0].hash, &text, NULL) == TL_OK);
+    tl_fuzz_hold(count == 0 || tl_history_configuration_text(history, tunings[0].hash, &text, NULL) == TL_OK);
     tl_fuzz_hold(tl_history_ledger(history, run, &components, &count, NULL) == TL_OK);
     tl_fuzz_hold(tl_history_signals(history, run, TL_HISTORY_MATCH, &found, &count, NULL) == TL_OK);
     tl_fuzz_hold(tl_history_last_step(history, run, &step, NULL) == TL_OK);

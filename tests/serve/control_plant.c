@@ -261,13 +261,13 @@ static void answer(client *asks, const tl_control_request *request, size_t size)
     case TL_CONTROL_VERSIONS:
         list(&asks->peer);
         break;
-    case TL_CONTROL_TAKE:
+    case TL_CONTROL_APPLY:
         take(asks, request, size);
         break;
     case TL_CONTROL_CONFIRM:
         confirm(&asks->peer);
         break;
-    case TL_CONTROL_RETURN:
+    case TL_CONTROL_ROLL_BACK:
     case TL_CONTROL_VERBS:
         bring_back(&asks->peer, request);
         break;

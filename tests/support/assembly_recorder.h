@@ -18,7 +18,7 @@ static inline tl_status tl_test_record(const tl_assembly *assembly, const char *
 
 /* Puts a step with the twin's present ledger. */
 static inline void tl_test_put_step(tl_recorder *recorder, const tl_record *record, const tl_twin *twin) {
-    tl_recorder_component counts[TL_RECORDER_COMPONENTS];
+    tl_execution_counts counts[TL_RECORDER_COMPONENTS];
     (void)tl_twin_recorder_count(twin, counts);
     tl_recorder_put_step(recorder, record, counts);
 }

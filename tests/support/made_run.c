@@ -119,17 +119,17 @@ void tl_made_record(int64_t step, tl_record *record) {
     }
 }
 
-void tl_made_ledger(int64_t step, tl_recorder_component *ledger) {
+void tl_made_ledger(int64_t step, tl_execution_counts *ledger) {
     uint64_t steps = (uint64_t)step + 1;
     for (uint64_t i = 0; i < TL_MADE_COMPONENTS; i++) {
-        ledger[i] = (tl_recorder_component){40 * steps, (20 + i) * steps, (21 + i) * steps, i * steps, steps / (i + 1)};
+        ledger[i] = (tl_execution_counts){40 * steps, (20 + i) * steps, (21 + i) * steps, i * steps, steps / (i + 1)};
     }
 }
 
 void tl_made_put(tl_recorder *recorder, int64_t first, int64_t ticks) {
     tl_sample sample;
     tl_record record;
-    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_execution_counts ledger[TL_MADE_COMPONENTS];
     for (int64_t tick = first; tick < first + ticks; tick++) {
         tl_made_sample(tick, &sample);
         tl_recorder_put_sample(recorder, &sample);
@@ -160,7 +160,7 @@ void tl_made_beginning(tl_time start, tl_record_queue_start *beginning) {
 bool tl_made_put_out(tl_record_queue *queue, int64_t first, int64_t ticks) {
     tl_sample sample;
     tl_record record;
-    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_execution_counts ledger[TL_MADE_COMPONENTS];
     bool has_room = true;
     for (int64_t tick = first; tick < first + ticks; tick++) {
         tl_made_sample(tick, &sample);

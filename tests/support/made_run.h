@@ -27,7 +27,7 @@ void tl_made_sample(int64_t tick, tl_sample *sample);
 void tl_made_record(int64_t step, tl_record *record);
 
 /* Fills the ledger after this step for each component. The counts grow with each step. */
-void tl_made_ledger(int64_t step, tl_recorder_component *ledger);
+void tl_made_ledger(int64_t step, tl_execution_counts *ledger);
 
 /* Puts samples as a replay in mode lag does: each sample is followed by the step that it
  * enables. */

@@ -42,7 +42,7 @@ static void make_memory(tl_writer_bench *bench) {
     tl_record_queue_open(&bench->settings[1], bench->memory[1], &bench->state->taken[1], &bench->io);
     tl_record_queue_open(&bench->settings[2], bench->memory[2], &bench->state->taken[2], &bench->other);
     bench->ring = TL_BENCH_TWIN;
-    bench->goes_on = false;
+    bench->continues = false;
     bench->is_last = false;
     bench->plant = (tl_recorder_plant){.take = NULL};
     bench->writer = NULL;
@@ -80,9 +80,9 @@ void tl_writer_bench_forget(tl_writer_bench *bench) {
     make_memory(bench);
 }
 
-static bool goes_on(void *context) {
+static bool continues(void *context) {
     const tl_writer_bench *bench = context;
-    return bench->goes_on;
+    return bench->continues;
 }
 
 tl_status tl_writer_bench_try_open(tl_writer_bench *bench) {
@@ -94,7 +94,7 @@ tl_status tl_writer_bench_try_open(tl_writer_bench *bench) {
                                                   .queue_count = TL_BENCH_QUEUES,
                                                   .ring = bench->ring,
                                                   .hand_over = TL_BENCH_HAND_OVER,
-                                                  .goes_on = goes_on,
+                                                  .continues = continues,
                                                   .context = bench,
                                                   .state = bench->state,
                                                   .plant = bench->plant,

@@ -34,8 +34,8 @@ typedef struct tl_writer_bench {
     tl_record_queue twin;
     tl_record_queue io;
     tl_record_queue other;
-    size_t ring;  /* queue that is read: TL_BENCH_TWIN (default) or TL_BENCH_OTHER */
-    bool goes_on; /* result of the callback goes_on() */
+    size_t ring;    /* queue that is read: TL_BENCH_TWIN (default) or TL_BENCH_OTHER */
+    bool continues; /* result of the callback continues() */
     tl_recorder_writer_state *state;
     bool is_last;                                                 /* see recorder_writer.h */
     void (*observe)(void *bench, const tl_recorder_entry *entry); /* NULL: none */

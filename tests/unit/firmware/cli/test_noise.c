@@ -18,24 +18,24 @@ static void test_known_numbers(void) {
                                       UINT64_C(0x06c45d188009454f)};
     static const uint64_t from_1234567[] = {UINT64_C(6457827717110365317), UINT64_C(3203168211198807973),
                                             UINT64_C(9817491932198370423), UINT64_C(4593380528125082431)};
-    tl_noise noise = {0};
+    tl_random noise = {0};
     for (size_t i = 0; i < sizeof from_0 / sizeof *from_0; i++) {
-        TEST_ASSERT_EQUAL_DOUBLE((double)(from_0[i] >> 11) / 9007199254740992.0, tl_noise_uniform(&noise));
+        TEST_ASSERT_EQUAL_DOUBLE((double)(from_0[i] >> 11) / 9007199254740992.0, tl_random_uniform(&noise));
     }
     noise.state = 1234567;
     for (size_t i = 0; i < sizeof from_1234567 / sizeof *from_1234567; i++) {
         double expected = (double)(from_1234567[i] >> 11) / 9007199254740992.0;
-        double found = tl_noise_uniform(&noise);
+        double found = tl_random_uniform(&noise);
         TEST_ASSERT_EQUAL_MEMORY(&expected, &found, sizeof expected);
     }
 }
 
 static void test_uniform(void) {
-    tl_noise noise = {1};
+    tl_random noise = {1};
     double sum = 0.0;
     double squares = 0.0;
     for (int i = 0; i < DRAWS; i++) {
-        double value = tl_noise_uniform(&noise);
+        double value = tl_random_uniform(&noise);
         TEST_ASSERT_TRUE(value >= 0.0 && value < 1.0);
         sum += value;
         squares += (value - 0.5) * (value - 0.5);
@@ -45,12 +45,12 @@ static void test_uniform(void) {
 }
 
 static void test_normal(void) {
-    tl_noise noise = {1};
+    tl_random noise = {1};
     double moments[5] = {0};
     int within_1 = 0;
     int within_2 = 0;
     for (int i = 0; i < DRAWS; i++) {
-        double value = tl_noise_normal(&noise);
+        double value = tl_random_normal(&noise);
         for (int k = 1; k <= 4; k++) {
             moments[k] += pow(value, k) / DRAWS;
         }
@@ -67,11 +67,11 @@ static void test_normal(void) {
 
 /* Consecutive draws are not correlated. */
 static void test_draws_are_not_correlated(void) {
-    tl_noise noise = {3};
+    tl_random noise = {3};
     double sum = 0.0;
-    double last = tl_noise_normal(&noise);
+    double last = tl_random_normal(&noise);
     for (int i = 0; i < DRAWS; i++) {
-        double value = tl_noise_normal(&noise);
+        double value = tl_random_normal(&noise);
         sum += value * last;
         last = value;
     }
@@ -79,15 +79,15 @@ static void test_draws_are_not_correlated(void) {
 }
 
 static void test_a_seed_is_a_sequence(void) {
-    tl_noise one = {42};
-    tl_noise same = {42};
-    tl_noise other = {43};
+    tl_random one = {42};
+    tl_random same = {42};
+    tl_random other = {43};
     int equal = 0;
     for (int i = 0; i < 1000; i++) {
-        double expected = tl_noise_normal(&one);
-        double found = tl_noise_normal(&same);
+        double expected = tl_random_normal(&one);
+        double found = tl_random_normal(&same);
         TEST_ASSERT_EQUAL_MEMORY(&expected, &found, sizeof expected);
-        equal += tl_noise_normal(&other) == expected ? 1 : 0;
+        equal += tl_random_normal(&other) == expected ? 1 : 0;
     }
     TEST_ASSERT_EQUAL_INT(0, equal);
 }

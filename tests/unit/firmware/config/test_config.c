@@ -73,11 +73,11 @@ static void test_root(void) {
     TEST_ASSERT_EQUAL_size_t(1, config->alarms[0].adjust);
     TEST_ASSERT_EQUAL_DOUBLE(0.25, config->alarms[0].above);
     TEST_ASSERT_EQUAL_DOUBLE(-0.5, config->alarms[0].below);
-    TEST_ASSERT_EQUAL_INT64(90 * TL_SECOND, config->alarms[0].lasts);
+    TEST_ASSERT_EQUAL_INT64(90 * TL_SECOND, config->alarms[0].averaging_time);
     TEST_ASSERT_EQUAL_size_t(2, config->alarms[1].adjust);
     TEST_ASSERT_EQUAL_DOUBLE(HUGE_VAL, config->alarms[1].above);
     TEST_ASSERT_EQUAL_DOUBLE(-0.75, config->alarms[1].below);
-    TEST_ASSERT_EQUAL_INT64(60 * TL_SECOND, config->alarms[1].lasts);
+    TEST_ASSERT_EQUAL_INT64(60 * TL_SECOND, config->alarms[1].averaging_time);
     TEST_ASSERT_EQUAL_DOUBLE(2.5, config->false_alarms_per_year);
     TEST_ASSERT_EQUAL_INT(0, config->realtime_priority);
     TEST_ASSERT_FALSE(config->realtime_lock_memory);
@@ -454,7 +454,7 @@ static void test_second_lookups(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
     tl_config *config = &verdict.config;
     TEST_ASSERT_EQUAL_size_t(8, config->signal_count);
-    TEST_ASSERT_EQUAL_size_t(2, config->second_count);
+    TEST_ASSERT_EQUAL_size_t(2, config->further_count);
     TEST_ASSERT_EQUAL_STRING("plant.omega@match", config->matched_as[0]);
     TEST_ASSERT_EQUAL_STRING("plant.omega@reading", config->reading_as[0]);
     TEST_ASSERT_EQUAL_STRING("plant.omega", config->match[0].to);
@@ -582,7 +582,7 @@ static void test_the_delay_of_a_condition(void) {
     TEST_ASSERT_EQUAL_INT64(96100000, config->output_lookup.look_back);
     TEST_ASSERT_EQUAL_INT(TL_BETWEEN_LINE, config->signals[3].between);
     TEST_ASSERT_EQUAL_INT(TL_BETWEEN_LAST, config->signals[4].between);
-    TEST_ASSERT_EQUAL_size_t(1, config->second_count);
+    TEST_ASSERT_EQUAL_size_t(1, config->further_count);
     const tl_config_signal *reading = &config->signals[8];
     TEST_ASSERT_EQUAL_STRING("omega@reading", reading->plan.name);
     TEST_ASSERT_TRUE(reading->is_reading && !config->signals[3].is_reading);

@@ -315,12 +315,12 @@ static void find_names(const char *component, const char *file) {
 }
 
 static void expect_barred(size_t count, const char *path, const char *found, tl_change_named names) {
-    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, change.barred, path);
+    TEST_ASSERT_EQUAL_size_t_MESSAGE(count, change.privileged_count, path);
     TEST_ASSERT_EQUAL_INT_MESSAGE(count == 0 ? TL_RIGHT_COMMISSION : TL_RIGHT_BOX, change.needs.right, path);
-    for (size_t i = 0; i < count && i < TL_CONFIG_BARRED; i++) {
-        if (strcmp(change.bar[i].path, path) == 0) {
-            TEST_ASSERT_EQUAL_STRING(found, change.bar[i].found);
-            TEST_ASSERT_EQUAL_INT(names, change.bar[i].names);
+    for (size_t i = 0; i < count && i < TL_CONFIG_PRIVILEGED; i++) {
+        if (strcmp(change.privileged[i].path, path) == 0) {
+            TEST_ASSERT_EQUAL_STRING(found, change.privileged[i].found);
+            TEST_ASSERT_EQUAL_INT(names, change.privileged[i].names);
             return;
         }
     }
@@ -351,18 +351,18 @@ static void test_names_that_are_allowed(void) {
     expect_barred(2, "sources.s.csv.file", "\"/run/listed\"", TL_NAMES_FILE);
 }
 
-/* An installed FMU is allowed only with its hash. Without it, is_installed is true. */
+/* An installed FMU is allowed only with its hash. Without it, lacks_hash is true. */
 static void test_installed_fmus(void) {
     find_names("{\"fmu\": \"b.fmu\"}", "/run/active");
     expect_barred(1, "components.b.fmu", "\"b.fmu\"", TL_NAMES_FMU);
-    TEST_ASSERT_TRUE(change.bar[0].is_installed);
+    TEST_ASSERT_TRUE(change.privileged[0].lacks_hash);
     find_names("{\"sha256\": \"00\", \"fmu\": \"b.fmu\"}", "/run/active");
     expect_barred(0, "", "", TL_NAMES_NOTHING);
     find_names("{\"fmu\": \"b.fmu\", \"sha256\": \"00\", \"keep\": []}", "/run/active");
     expect_barred(0, "", "", TL_NAMES_NOTHING);
     find_names("{\"fmu\": \"../b.fmu\", \"sha256\": \"00\"}", "/run/active");
     expect_barred(1, "components.b.fmu", "\"../b.fmu\"", TL_NAMES_FMU);
-    TEST_ASSERT_FALSE(change.bar[0].is_installed);
+    TEST_ASSERT_FALSE(change.privileged[0].lacks_hash);
 }
 
 /* All rejected names are counted, also those that are not listed. */

@@ -463,7 +463,7 @@ static void test_a_forgotten_level(void) {
 
 /* ---- limits that the user names ---- */
 
-static tl_config_alarm alarms[] = {{.adjust = 0, .above = 3.0, .below = -3.0, .lasts = 160 * TL_SECOND}};
+static tl_config_alarm alarms[] = {{.adjust = 0, .above = 3.0, .below = -3.0, .averaging_time = 160 * TL_SECOND}};
 
 static void use_limits(void) {
     alarms[0].above = 3.0;

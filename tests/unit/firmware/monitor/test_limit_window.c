@@ -12,7 +12,7 @@ static int64_t step;
 
 void setUp(void) {
     memset(&window, 0, sizeof window);
-    alarm = (tl_config_alarm){.above = 0.3, .below = -0.3, .lasts = 160 * TL_SECOND};
+    alarm = (tl_config_alarm){.above = 0.3, .below = -0.3, .averaging_time = 160 * TL_SECOND};
     step = 0;
 }
 
@@ -70,11 +70,11 @@ static void test_a_spike(void) {
 }
 
 static void test_lengths(void) {
-    alarm.lasts = TL_SECOND / 10; /* less than a step */
+    alarm.averaging_time = TL_SECOND / 10; /* less than a step */
     TEST_ASSERT_EQUAL_INT(TL_LIMIT_OUTSIDE, add(1, 1.0));
     TEST_ASSERT_EQUAL_INT(TL_LIMIT_WITHIN, add(1, 0.0));
     setUp();
-    alarm.lasts = 40 * TL_SECOND; /* 14 parts of 3 steps */
+    alarm.averaging_time = 40 * TL_SECOND; /* 14 parts of 3 steps */
     TEST_ASSERT_EQUAL_INT(TL_LIMIT_UNKNOWN, add(41, 1.0));
     TEST_ASSERT_EQUAL_INT(TL_LIMIT_OUTSIDE, add(1, 1.0));
 }

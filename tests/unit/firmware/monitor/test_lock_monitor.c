@@ -146,7 +146,7 @@ static void test_lost_and_found(void) {
     expect_no_change();
     one(OUTSIDE);
     expect_change(TL_LOCK_LOST, "50 %|100 steps|tolerance");
-    TEST_ASSERT_FALSE(lock_monitor.inexact_component);
+    TEST_ASSERT_FALSE(lock_monitor.is_astray);
     many(WITHIN, WINDOW + PART);
     expect_change(TL_LOCK_LOCKED, "80 %|100 steps");
     TEST_ASSERT_EQUAL_UINT64(1, tally().losses);
@@ -182,7 +182,7 @@ static void test_a_twin_that_swings_is_lost(void) {
     }
     TEST_ASSERT_EQUAL_INT(1, changes);
     TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, was_reported.to);
-    TEST_ASSERT_TRUE(lock_monitor.inexact_component);
+    TEST_ASSERT_TRUE(lock_monitor.is_astray);
     TL_EXPECT_PARTS("10 %|100 steps|10 tolerances|1e+03", was_reported.cause);
 }
 
@@ -226,7 +226,7 @@ static void test_a_plant_that_jumps(void) {
         one(0);
     }
     TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, was_reported.to);
-    TEST_ASSERT_FALSE(lock_monitor.inexact_component);
+    TEST_ASSERT_FALSE(lock_monitor.is_astray);
 }
 
 /* Astray at first, then exact: the first full window reports a loss, but no reset is due. */
@@ -236,7 +236,7 @@ static void test_a_twin_that_has_recovered(void) {
     }
     many(WITHIN, WINDOW - 4 * PART);
     TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, was_reported.to);
-    TEST_ASSERT_FALSE(lock_monitor.inexact_component);
+    TEST_ASSERT_FALSE(lock_monitor.is_astray);
 }
 
 /* An output without a good measurement does not count. */
@@ -250,7 +250,7 @@ static void test_what_swings_unmeasured(void) {
         one(WITHIN);
     }
     expect_no_change();
-    TEST_ASSERT_FALSE(lock_monitor.inexact_component);
+    TEST_ASSERT_FALSE(lock_monitor.is_astray);
 }
 
 /* A steadily growing error is that of a wrong model, which a reset does not improve. */
@@ -260,7 +260,7 @@ static void test_a_twin_that_is_elsewhere(void) {
         one(9.9 * i);
     }
     TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, was_reported.to);
-    TEST_ASSERT_FALSE(lock_monitor.inexact_component);
+    TEST_ASSERT_FALSE(lock_monitor.is_astray);
 }
 
 static void test_huge_errors(void) {
@@ -781,11 +781,11 @@ static void test_a_reset_starts_a_new_window(void) {
     }
     TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, was_reported.to);
     changes = 0;
-    TEST_ASSERT_TRUE(lock_monitor.inexact_component);
+    TEST_ASSERT_TRUE(lock_monitor.is_astray);
     record.flags = TL_FLAG_RESET;
     one(WITHIN);
     record.flags = 0;
-    TEST_ASSERT_FALSE(lock_monitor.inexact_component);
+    TEST_ASSERT_FALSE(lock_monitor.is_astray);
     many(WITHIN, WINDOW - 1);
     expect_change(TL_LOCK_LOCKED, "100 %|100 steps");
     TEST_ASSERT_EQUAL_UINT64(3 * WINDOW, total());

@@ -12,12 +12,12 @@
 
 static tl_noise_meter meter;
 static tl_noise_found found;
-static tl_noise noise;
+static tl_random noise;
 static tl_time now;
 
 void setUp(void) {
     tl_noise_meter_init(&meter, 0);
-    noise = (tl_noise){.state = 7};
+    noise = (tl_random){.state = 7};
     now = 1000 * TL_SECOND;
 }
 
@@ -42,8 +42,8 @@ static double steps(double time) {
 
 /* The next reading, 25 to 40 ms later. */
 static double next(double (*motion)(double time)) {
-    now += (tl_time)((0.025 + 0.015 * tl_noise_uniform(&noise)) * (double)TL_SECOND);
-    return motion(tl_seconds(now)) + SIGMA * tl_noise_normal(&noise);
+    now += (tl_time)((0.025 + 0.015 * tl_random_uniform(&noise)) * (double)TL_SECOND);
+    return motion(tl_seconds(now)) + SIGMA * tl_random_normal(&noise);
 }
 
 static size_t put(double value) {
@@ -122,7 +122,7 @@ static void test_outliers_of_the_second_look(void) {
 static void test_very_uneven_stamps(void) {
     for (int i = 0; i < 3000; i++) {
         now += i % 3 == 0 ? TL_SECOND / 1000000 : i % 100 == 1 ? TL_SECOND : TL_SECOND / 50;
-        (void)put(3.0 * tl_seconds(now) + SIGMA * tl_noise_normal(&noise));
+        (void)put(3.0 * tl_seconds(now) + SIGMA * tl_random_normal(&noise));
     }
     tl_noise_meter_estimate(&meter, &found);
     expect_noise(SIGMA);
@@ -183,14 +183,14 @@ static void test_huge_and_tiny(void) {
     setUp();
     for (int i = 0; i < 500; i++) {
         now += TL_SECOND / 100;
-        (void)put(1e-300 * tl_noise_normal(&noise));
+        (void)put(1e-300 * tl_random_normal(&noise));
     }
     tl_noise_meter_estimate(&meter, &found);
     TEST_ASSERT_EQUAL_DOUBLE(0.0, found.sigma);
     setUp();
     for (int i = 0; i < 2000; i++) {
         now += TL_SECOND / 100;
-        (void)put(1e12 * tl_noise_normal(&noise));
+        (void)put(1e12 * tl_random_normal(&noise));
     }
     tl_noise_meter_estimate(&meter, &found);
     expect_noise(1e12);
@@ -203,7 +203,7 @@ static void test_it_forgets(void) {
     expect_noise(SIGMA);
     for (int i = 0; i < 5000; i++) {
         now += TL_SECOND / 30;
-        (void)put(3.0 * SIGMA * tl_noise_normal(&noise));
+        (void)put(3.0 * SIGMA * tl_random_normal(&noise));
     }
     tl_noise_meter_estimate(&meter, &found);
     TEST_ASSERT_TRUE(found.count < 1000);

@@ -14,7 +14,7 @@ static const char *reading_as[2];
 static tl_config config;
 static tl_noise_watch watch;
 static tl_sample sample;
-static tl_noise noise;
+static tl_random noise;
 static int large, small;
 static double sigma; /* from the last change */
 
@@ -38,7 +38,7 @@ void setUp(void) {
                          .reading_as = reading_as,
                          .synchronise = true,
                          .step = TL_SECOND / 100};
-    noise = (tl_noise){.state = 3};
+    noise = (tl_random){.state = 3};
     large = small = 0;
     tl_noise_watch_init(&watch, &config);
 }
@@ -52,7 +52,7 @@ static void pass(int ticks, double deviation) {
         sample.instant += config.step;
         for (int k = 0; k < 3; k++) {
             sample.stamps[k] = sample.instant;
-            sample.values[k] = k == 2 ? deviation * tl_noise_normal(&noise) : 0.0;
+            sample.values[k] = k == 2 ? deviation * tl_random_normal(&noise) : 0.0;
         }
         for (size_t k = 0; k < 2; k++) {
             double was_reported = 0.0;
@@ -110,7 +110,7 @@ static void test_polls_of_one_value_tell_nothing(void) {
     for (int i = 0; i < 5000; i++) {
         sample.instant += config.step;
         sample.stamps[2] = sample.instant;
-        sample.values[2] = i % 2 == 0 ? tl_noise_normal(&noise) : sample.values[2];
+        sample.values[2] = i % 2 == 0 ? tl_random_normal(&noise) : sample.values[2];
         TEST_ASSERT_EQUAL_INT(TL_NOISE_AS_BEFORE, tl_noise_watch_sample(&watch, &sample, 0, &sigma));
     }
 }

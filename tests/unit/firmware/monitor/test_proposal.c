@@ -29,10 +29,10 @@ static tl_survey_signal *torque(void) {
 
 /* A plant that oscillates by `amplitude` at 1 Hz, read each 30 ms. */
 static void make(double amplitude) {
-    tl_noise noise = {.state = 1};
+    tl_random noise = {.state = 1};
     for (int i = 0; i < COUNT; i++) {
         points[i].stamp = i * (3 * TL_SECOND / 100);
-        points[i].value = amplitude * sin(6.2831853 * tl_seconds(points[i].stamp)) + 0.1 * tl_noise_normal(&noise);
+        points[i].value = amplitude * sin(6.2831853 * tl_seconds(points[i].stamp)) + 0.1 * tl_random_normal(&noise);
     }
 }
 

@@ -18,12 +18,12 @@ void tearDown(void) {}
 
 /* Readings each 25 to 40 ms. */
 static void make(double amplitude, double hertz, double sigma) {
-    tl_noise noise = {.state = 5};
+    tl_random noise = {.state = 5};
     tl_time now = 0;
     for (int i = 0; i < COUNT; i++) {
-        now += (tl_time)((0.025 + 0.015 * tl_noise_uniform(&noise)) * (double)TL_SECOND);
+        now += (tl_time)((0.025 + 0.015 * tl_random_uniform(&noise)) * (double)TL_SECOND);
         truth[i] = 60.0 + amplitude * sin(2.0 * 3.14159265 * hertz * tl_seconds(now));
-        points[i] = (tl_noise_point){.stamp = now, .value = truth[i] + sigma * tl_noise_normal(&noise)};
+        points[i] = (tl_noise_point){.stamp = now, .value = truth[i] + sigma * tl_random_normal(&noise)};
     }
 }
 

@@ -65,9 +65,9 @@ static const tl_survey_signal *look(void) {
 }
 
 static void test_times_and_noise(void) {
-    tl_noise noise = {.state = 1};
+    tl_random noise = {.state = 1};
     for (int i = 0; i < 2000; i++) {
-        put(i % 10 == 9 ? 0.04 : 0.02, 5.0 * sin(now) + 0.1 * tl_noise_normal(&noise), i % 2);
+        put(i % 10 == 9 ? 0.04 : 0.02, 5.0 * sin(now) + 0.1 * tl_random_normal(&noise), i % 2);
     }
     const tl_survey_signal *omega = look();
     TEST_ASSERT_EQUAL_UINT64(2000, omega->good);
@@ -85,9 +85,9 @@ static void test_times_and_noise(void) {
 
 /* Also among the first and the last readings. */
 static void test_outliers(void) {
-    tl_noise noise = {.state = 2};
+    tl_random noise = {.state = 2};
     for (int i = 0; i < 2000; i++) {
-        put(0.02, 0.1 * tl_noise_normal(&noise) + (i % 100 == 3 ? 20.0 : 0.0), 0);
+        put(0.02, 0.1 * tl_random_normal(&noise) + (i % 100 == 3 ? 20.0 : 0.0), 0);
     }
     const tl_survey_signal *omega = look();
     TEST_ASSERT_EQUAL_UINT64(20, omega->outliers);
@@ -111,10 +111,10 @@ static void test_bad_readings(void) {
 
 /* The noise is estimated from changed values only. */
 static void test_polls(void) {
-    tl_noise noise = {.state = 3};
+    tl_random noise = {.state = 3};
     double value = 0.0;
     for (int i = 0; i < 4000; i++) {
-        value = i % 4 == 0 ? 0.1 * tl_noise_normal(&noise) : value;
+        value = i % 4 == 0 ? 0.1 * tl_random_normal(&noise) : value;
         put(0.01, value, 0);
     }
     const tl_survey_signal *omega = look();
@@ -127,9 +127,9 @@ static void test_polls(void) {
 
 /* Values quantised more coarsely than their noise repeat too, but do not count as polled. */
 static void test_steps_of_counting(void) {
-    tl_noise noise = {.state = 4};
+    tl_random noise = {.state = 4};
     for (int i = 0; i < 3000; i++) {
-        put(0.02, 0.5 * nearbyint(2.0 * (3.0 * sin(0.2 * now) + 0.05 * tl_noise_normal(&noise))), 0);
+        put(0.02, 0.5 * nearbyint(2.0 * (3.0 * sin(0.2 * now) + 0.05 * tl_random_normal(&noise))), 0);
     }
     const tl_survey_signal *omega = look();
     TEST_ASSERT_EQUAL_DOUBLE(0.5, omega->quantum);

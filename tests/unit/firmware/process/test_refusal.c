@@ -52,7 +52,7 @@ static void a_refused_call_is_named(void) {
 typedef struct asker {
     sem_t listens;
     int listener;
-    bool goes_on;
+    bool continues;
     bool refused;
 } asker;
 
@@ -65,7 +65,7 @@ static void *ask_in_thread(void *context) {
     }
     (void)sem_post(&self->listens);
     self->refused = tl_confined_has_no_socket(AF_INET, SOCK_STREAM, 0);
-    __atomic_store_n(&self->goes_on, true, __ATOMIC_SEQ_CST);
+    __atomic_store_n(&self->continues, true, __ATOMIC_SEQ_CST);
     return NULL;
 }
 
@@ -83,7 +83,7 @@ static void the_caller_stands_still_until_it_is_answered(void) {
     TEST_ASSERT_TRUE(tl_refusal_take(self.listener, &refusal));
     TEST_ASSERT_FALSE(tl_refusal_take(self.listener, &refusal)); /* reported once, also if not answered yet */
     (void)poll(NULL, 0, 50);
-    bool went_on = __atomic_load_n(&self.goes_on, __ATOMIC_SEQ_CST);
+    bool went_on = __atomic_load_n(&self.continues, __ATOMIC_SEQ_CST);
     tl_refusal_answer(self.listener, &refusal);
     (void)pthread_join(thread, NULL);
     tl_refusal_answer(self.listener, &refusal); /* a second answer: the caller is gone */

@@ -34,7 +34,7 @@ void tearDown(void) {
 
 static void expect(tl_confined_body *body, void *context) {
     const tl_confine_settings settings = {
-        .folder = scratch.folder, .whole_process = true, .may_answer = true, .only_denies = true};
+        .folder = scratch.folder, .whole_process = true, .is_server = true, .only_denies = true};
     tl_confined_run(settings, body, context, &confined);
     TEST_ASSERT_EQUAL_INT(0, confined.signal);
     TEST_ASSERT_TRUE(confined.succeeded);

@@ -71,8 +71,8 @@ static void test_the_ledger(void) {
     figures.ledger[0] = (tl_run_component){"drive", {10, 4, 6, 1, 2}};
     figures.ledger[1] = (tl_run_component){"motor", {1, 5, 3, 0, 0}};
     figures.ledger_count = 2;
-    tl_recorder_component total = tl_run_figures_total(&figures);
-    const tl_recorder_component wanted = {11, 9, 9, 1, 2};
+    tl_execution_counts total = tl_run_figures_total(&figures);
+    const tl_execution_counts wanted = {11, 9, 9, 1, 2};
     TEST_ASSERT_EQUAL_MEMORY(&wanted, &total, sizeof wanted);
     TEST_ASSERT_EQUAL_DOUBLE(-2.0, tl_run_component_saved(&figures.ledger[1].counts));
     TEST_ASSERT_EQUAL_INT64(-2, tl_run_component_difference(&figures.ledger[1].counts));

@@ -159,7 +159,7 @@ static void record_new(const char *verb) {
     tl_recorder *recorder = NULL;
     tl_sample sample;
     tl_record record;
-    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_execution_counts ledger[TL_MADE_COMPONENTS];
     settings.verb = verb;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &recorder, &error));
     tl_recorder_event(recorder, 17, TL_EVENT_WARNING, "plant", "the drive does not answer");

@@ -102,7 +102,7 @@ static void assert_refused(void) {
 /* ---- valid requests ---- */
 
 static void test_a_candidate_arrives(void) {
-    tl_control_request sent = good_request(TL_CONTROL_TAKE);
+    tl_control_request sent = good_request(TL_CONTROL_APPLY);
     tl_control_request request;
     meet();
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_NOTHING, receive(&request));
@@ -114,7 +114,7 @@ static void test_a_candidate_arrives(void) {
 }
 
 static void test_the_largest_candidate_arrives(void) {
-    tl_control_request sent = good_request(TL_CONTROL_TAKE);
+    tl_control_request sent = good_request(TL_CONTROL_APPLY);
     tl_control_request request;
     char *large = malloc(TL_CONTROL_MOST);
     TEST_ASSERT_NOT_NULL(large);
@@ -199,7 +199,7 @@ static void test_words_that_are_not_clean(void) {
 }
 
 static void test_a_candidate_must_be_the_one_that_is_named(void) {
-    tl_control_request request = good_request(TL_CONTROL_TAKE);
+    tl_control_request request = good_request(TL_CONTROL_APPLY);
     tl_sha256("other", 5, request.hash);
     assert_garbage(&request, sizeof request, text, strlen(text));
     assert_garbage(&request, sizeof request, NULL, 0);
@@ -222,7 +222,7 @@ static void test_one_request_for_each_connection(void) {
 
 /* Sends a request with these descriptors. */
 static void send_with(const int *descriptors, size_t count) {
-    tl_control_request request = good_request(TL_CONTROL_TAKE);
+    tl_control_request request = good_request(TL_CONTROL_APPLY);
     union {
         struct cmsghdr header;
         char bytes[CMSG_SPACE(16 * sizeof(int))];

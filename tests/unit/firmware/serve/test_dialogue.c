@@ -39,8 +39,8 @@ static void begin(tl_control_verb verb) {
     tl_control_request request;
     size_t size = 0;
     dialogue.request.control.verb = verb;
-    dialogue.request.is_change = verb == TL_CONTROL_TAKE;
-    if (verb == TL_CONTROL_TAKE) {
+    dialogue.request.is_change = verb == TL_CONTROL_APPLY;
+    if (verb == TL_CONTROL_APPLY) {
         dialogue.request.body = 2;
         TEST_ASSERT_TRUE(tl_dialogue_add_body(&dialogue, "{", 1));
         TEST_ASSERT_TRUE(tl_dialogue_add_body(&dialogue, "}", 1));
@@ -49,7 +49,7 @@ static void begin(tl_control_verb verb) {
     tl_dialogue_begin(&dialogue, scratch.folder);
     TEST_ASSERT_TRUE(tl_control_accept(listener, &peer));
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_REQUEST, tl_control_receive(&peer, &request, room, &size));
-    TEST_ASSERT_EQUAL_size_t(verb == TL_CONTROL_TAKE ? 2 : 0, size);
+    TEST_ASSERT_EQUAL_size_t(verb == TL_CONTROL_APPLY ? 2 : 0, size);
 }
 
 static void say(tl_control_kind kind, uint32_t step) {
@@ -67,7 +67,7 @@ static void follow(void) {
 }
 
 static void a_change_is_decided_behind_its_validation(void) {
-    begin(TL_CONTROL_TAKE);
+    begin(TL_CONTROL_APPLY);
     say(TL_CONTROL_STEP, TL_CONTROL_AUTHORISE);
     say(TL_CONTROL_STEP, TL_CONTROL_VALIDATE);
     say(TL_CONTROL_CHANGE, 0);
@@ -85,7 +85,7 @@ static void a_change_is_decided_behind_its_validation(void) {
 }
 
 static void a_refusal_has_all_its_problems(void) {
-    begin(TL_CONTROL_TAKE);
+    begin(TL_CONTROL_APPLY);
     say(TL_CONTROL_PROBLEM, 0);
     say(TL_CONTROL_PROBLEM, 0);
     tl_control_finish(&peer, TL_CONTROL_INVALID, 1, "", "two");
@@ -107,7 +107,7 @@ static void a_plant_that_hangs_up_is_told(void) {
 static void what_nobody_takes_is_bounded(void) {
     char piece[4096];
     size_t taken = 0;
-    begin(TL_CONTROL_TAKE);
+    begin(TL_CONTROL_APPLY);
     say(TL_CONTROL_STEP, TL_CONTROL_TRY);
     for (int i = 0; i < 100000 && peer.socket >= 0; i++) {
         tl_control_reply reply;

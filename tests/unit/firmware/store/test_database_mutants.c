@@ -123,7 +123,7 @@ static void show(void) {
     }
     expect_error(status, "run");
     if (status == TL_OK) {
-        expect_error(tl_show_page(&request, file, &error), "page");
+        expect_error(tl_show_text(&request, file, &error), "page");
         expect_error(tl_show_json(&request, file, &error), "json");
         for (int table = TL_SHOW_OUTPUTS; table <= TL_SHOW_EVENTS; table++) {
             expect_error(tl_show_csv(&request, (tl_show_csv_table)table, file, &error), "csv");

@@ -146,7 +146,7 @@ static void test_signals_and_configuration(void) {
     expect_ok(tl_history_signals(history, run, TL_HISTORY_ADJUST, &signals, &count, &bench.error));
     TEST_ASSERT_EQUAL_size_t(TL_MADE_ADJUST, count);
     TEST_ASSERT_EQUAL_STRING("N.m.s/rad", signals[0].unit);
-    expect_ok(tl_history_text(history, run->configuration_hash, &text, &bench.error));
+    expect_ok(tl_history_configuration_text(history, run->configuration_hash, &text, &bench.error));
     TEST_ASSERT_EQUAL_STRING(settings.configuration, text);
 }
 
@@ -231,7 +231,7 @@ static void test_the_lead_is_the_recorded_one(void) {
 
 static void test_the_ledger(void) {
     const tl_run_component *components = NULL;
-    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_execution_counts ledger[TL_MADE_COMPONENTS];
     size_t count = 0;
     record_run(10);
     record_run(100);

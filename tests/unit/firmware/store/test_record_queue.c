@@ -60,7 +60,7 @@ static bool put_sample(int64_t tick) {
 
 static bool put_step(int64_t step) {
     tl_record record;
-    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_execution_counts ledger[TL_MADE_COMPONENTS];
     tl_made_record(step, &record);
     tl_made_ledger(step, ledger);
     return tl_record_queue_put_step(&queue, &record, ledger);
@@ -103,7 +103,7 @@ static void check_sample(int64_t tick, tl_time run_start) {
 
 static void check_step(int64_t step) {
     tl_record record;
-    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_execution_counts ledger[TL_MADE_COMPONENTS];
     tl_made_record(step, &record);
     tl_made_ledger(step, ledger);
     TEST_ASSERT_EQUAL_INT(TL_ENTRY_STEP, entry.kind);

@@ -190,7 +190,7 @@ static void put_sample(int64_t tick) {
 
 static void put_step(int64_t step) {
     tl_record record;
-    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_execution_counts ledger[TL_MADE_COMPONENTS];
     tl_made_record(step, &record);
     tl_made_ledger(step, ledger);
     demand(tl_record_queue_wait_for_room(&queue, INT64_MAX) && tl_record_queue_put_step(&queue, &record, ledger),

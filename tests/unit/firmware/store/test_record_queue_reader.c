@@ -71,7 +71,7 @@ static void put_sample(void) {
 
 static void put_step(void) {
     tl_record record;
-    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_execution_counts ledger[TL_MADE_COMPONENTS];
     tl_made_record(3, &record);
     tl_made_ledger(3, ledger);
     TEST_ASSERT_TRUE(tl_record_queue_put_step(&queue, &record, ledger));

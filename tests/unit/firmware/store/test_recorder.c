@@ -158,7 +158,7 @@ static void test_numbers_that_are_not_finite(void) {
     const tl_recorder_settings settings = tl_made_settings(bench.path);
     tl_sample sample;
     tl_record record;
-    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_execution_counts ledger[TL_MADE_COMPONENTS];
     tl_bench_open(&bench, &settings);
     tl_made_sample(0, &sample);
     tl_made_record(0, &record);
@@ -214,7 +214,7 @@ static void test_the_ledger(void) {
                                          "SELECT group_concat(name || ' ' || (plain + predicted + executions +"
                                          " repeated + uncached), ', ') FROM components"));
     record_run(TICKS);
-    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_execution_counts ledger[TL_MADE_COMPONENTS];
     tl_made_ledger(TICKS - TL_MADE_PREDICTION - 1, ledger);
     for (size_t i = 0; i < TL_MADE_COMPONENTS; i++) {
         char sql[160];
@@ -565,7 +565,7 @@ static void test_the_largest_run(void) {
     static tl_recorder_signal many[TL_MAX_SIGNALS];
     static tl_sample sample;
     static tl_record record;
-    static tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
+    static tl_execution_counts ledger[TL_RECORDER_COMPONENTS];
     settings.component_count = TL_RECORDER_COMPONENTS;
     tl_made_account()->components = TL_RECORDER_COMPONENTS;
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {

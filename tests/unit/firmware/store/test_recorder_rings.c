@@ -135,7 +135,7 @@ static void write_now(void) {
     if (over) {
         tl_recorder_writer_finish_ring(bench.writer);
     }
-    bench.goes_on = !over;
+    bench.continues = !over;
     tl_recorder_writer_write(bench.writer);
     if (over && tl_recorder_writer_has_drained(bench.writer)) {
         __atomic_store_n(&shared->drained, read_handovers + 1, __ATOMIC_RELEASE);

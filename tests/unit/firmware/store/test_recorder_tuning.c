@@ -107,7 +107,7 @@ static void expect_tuning(size_t index, int64_t tick, const char *hash, const ch
 
 static void expect_text(const char *hash, const char *wanted) {
     const char *text = NULL;
-    expect_ok(tl_history_text(history, hash, &text, &error));
+    expect_ok(tl_history_configuration_text(history, hash, &text, &error));
     TEST_ASSERT_EQUAL_STRING(wanted, text);
 }
 
@@ -226,11 +226,11 @@ static void a_run_may_start_with_another_configuration(void) {
     close_writer();
     expect_ok(read_tunings(1));
     TEST_ASSERT_EQUAL_STRING(hashes[0], run->configuration_hash);
-    expect_ok(tl_history_text(history, run->configuration_hash, &text, &error));
+    expect_ok(tl_history_configuration_text(history, run->configuration_hash, &text, &error));
     TEST_ASSERT_EQUAL_STRING(FIRST, text);
     expect_ok(read_tunings(2));
     TEST_ASSERT_EQUAL_STRING(hashes[1], run->configuration_hash);
-    expect_ok(tl_history_text(history, run->configuration_hash, &text, &error));
+    expect_ok(tl_history_configuration_text(history, run->configuration_hash, &text, &error));
     TEST_ASSERT_EQUAL_STRING(SECOND, text);
 }
 
@@ -297,7 +297,7 @@ static void damage_is_detected(void) {
     tl_sql_execute(path, "DELETE FROM configurations");
     expect_ok(read_tunings(1));
     const char *text = NULL;
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_history_text(history, hashes[0], &text, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_history_configuration_text(history, hashes[0], &text, &error));
     TEST_ASSERT_NULL(text);
 }
 

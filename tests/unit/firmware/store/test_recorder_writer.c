@@ -362,7 +362,7 @@ static void test_an_observer_and_a_full_disk(void) {
     write_now();
     write_now();
     TEST_ASSERT_EQUAL_size_t(41, observed);
-    bench.goes_on = true; /* announced without cause */
+    bench.continues = true; /* announced without cause */
     TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench.twin, TL_BENCH_HAND_OVER));
     tl_writer_bench_start(&bench, 2);
     tl_writer_bench_put(&bench, 0, 10);
@@ -528,7 +528,7 @@ static void test_invalid_numbers(void) {
     static tl_record_queue_start start;
     tl_sample sample;
     tl_record record;
-    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_execution_counts ledger[TL_MADE_COMPONENTS];
     tl_history *history = NULL;
     const tl_history_run *run = NULL;
     static const int64_t ticks[] = {INT64_MIN, -1, 5, INT64_MAX / 2, INT64_MAX};

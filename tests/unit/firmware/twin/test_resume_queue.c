@@ -467,7 +467,7 @@ static void test_a_gap(void) {
     tl_course_search(&course, KILLED, NULL);
     tl_sample sample;
     tl_record record = course.whole.records[KILLED];
-    tl_recorder_component ledger[TL_RECORDER_COMPONENTS] = {{0}};
+    tl_execution_counts ledger[TL_RECORDER_COMPONENTS] = {{0}};
     tl_course_sample(&course, KILLED + 2, &sample);
     TEST_ASSERT_TRUE(tl_record_queue_put_sample(&queue, &sample));
     record.step = KILLED + 2 - course.account.lead;
@@ -478,7 +478,7 @@ static void test_a_gap(void) {
 /* Steps without a sample, and impossible ticks. */
 static void test_impossible_entries(void) {
     make(TL_LAG);
-    tl_recorder_component ledger[TL_RECORDER_COMPONENTS] = {{0}};
+    tl_execution_counts ledger[TL_RECORDER_COMPONENTS] = {{0}};
     tl_record record = course.whole.records[100];
     tl_sample sample;
     tl_course_sample(&course, 3, &sample);
