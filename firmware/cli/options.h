@@ -23,22 +23,23 @@ typedef enum tl_verb {
     TL_VERB_CHECK,
     TL_VERB_REPLAY,
     TL_VERB_RUN,
-    TL_VERB_PLANT,
+    TL_VERB_PLANT, /* emulates a plant, from a recording or from FMUs */
     TL_VERB_SHOW,
     TL_VERB_FINDING,
     TL_VERB_EXPLAIN,
-    TL_VERB_LEARN,
+    TL_VERB_LEARN, /* deletes what was learned from a database: the run learns again what is normal */
     TL_VERB_RELOAD,
     TL_VERB_COUNT
 } tl_verb;
 
-/* Value of --since: a date, a time before the end of the run, or (`explain`) since its start. */
+/* Value of --since: a date, a time before the end of the run, or a time since its start. Only
+ * `explain` accepts the last one. */
 typedef struct tl_options_since {
     const char *text; /* as given; NULL: not given */
-    bool is_date;     /* `at` is valid */
-    bool is_time;     /* only of `explain`: `back_s` counts from the start of the run */
-    int64_t at;       /* if is_date: ms since 1970 UTC */
-    double back_s;    /* if not: s before the end, or if is_time since the start, of the run; ≥ 0 */
+    bool is_date;     /* a date: `at` is valid, `back_s` is not */
+    bool is_time;     /* a time since the start of the run */
+    int64_t at;       /* of a date: ms since 1970 UTC */
+    double back_s;    /* if is_time: s since the start of the run; else: s before its end; ≥ 0 */
 } tl_options_since;
 
 enum { TL_OPTIONS_NO_TABLE = -1 }; /* tl_options.table: not given */
@@ -52,8 +53,8 @@ typedef struct tl_options {
     double call_limit_s;       /* longest call of an FMU, s; default 60 */
     uint64_t memory_limit_mib; /* of the FMU process, MiB; 0: half of the machine's memory, at most 4096 MiB */
     bool unconfined;
-    const char *recording;
-    uint64_t run; /* number of a run in a database; 0: the last run */
+    const char *recording; /* path of a CSV file or a database to read */
+    uint64_t run;          /* number of a run in a database; 0: the last run */
     bool verbose;
     bool json;
     const char *database;   /* --db FILE */
@@ -71,9 +72,9 @@ typedef struct tl_options {
     const char *allowed;  /* path of a list of names; NULL: /etc/twinlock/allowed */
     const char *watchdog; /* path of a device */
     double watchdog_s;    /* --watchdog-timeout: whole s; default 30 */
-    const char *listener; /* --for: path of a configuration */
+    const char *listener; /* --for: path of the configuration of a twin that reads the emulated plant */
     const char *fifo;
-    const char *record;
+    const char *record; /* path of a CSV file that `plant` writes */
     bool real_bus;
     uint64_t seed; /* default 1 */
     tl_options_since since;
@@ -92,11 +93,11 @@ typedef struct tl_options {
     uint64_t normal;      /* number of a finding, ≥ 1; 0: not given */
     const char *note;
     uint64_t finding;   /* number of a finding, ≥ 1; 0: not given */
-    const char *beside; /* --config: path of a configuration */
-    bool foresee;
-    bool save; /* stores the explanation with the finding */
+    const char *beside; /* --config: path that the run's configuration had; its FMUs are searched from there */
+    bool foresee;       /* prints how large each change must be to be noticed; explains no finding */
+    bool save;          /* stores the explanation with the finding */
     const char *why;
-    uint32_t right;     /* a tl_change_right; default TL_RIGHT_BOX: every right */
+    uint32_t right;     /* a tl_change_right; default TL_RIGHT_BOX: all rights of a user on this computer */
     double shadow_s;    /* whole s; 0: not given, so 60 s */
     double probation_s; /* whole s; 0: not given, so 300 s */
     double keep_lock;   /* --require-lock of reload: percent; 0: not given, so 95 % */

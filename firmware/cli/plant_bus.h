@@ -2,10 +2,11 @@
  *
  * Purpose: `twinlock plant` sends the frames that a live CAN source reads. The driver
  *          (board/can/can.h) cannot send. Both use the same codec, tested against cantools.
- * Frames:  one frame per id, and one per state of the multiplexors that a signal requires. A signal
- *          can be in several frames. A row sends a frame if two conditions are true: the row has a
- *          new value for a signal of the frame, and each signal of the frame has had a value. Bits
- *          that belong to no signal are 0.
+ * Frames:  each id has one frame. A multiplexed id has one frame for each state of its multiplexors
+ *          that a signal requires. A signal can be in several frames. Bits that belong to no signal
+ *          are 0.
+ * Rows:    a row has the values of the signals at one instant; some may be absent. A frame is sent
+ *          if the row has a new value for one of its signals, and each of them has had a value.
  * Safety:  an interface with hardware may be the bus of a real plant. It is rejected unless the
  *          settings permit hardware.
  * Bound:   no call waits. A frame that the interface does not accept is dropped and counted. After

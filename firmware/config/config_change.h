@@ -36,7 +36,7 @@ typedef enum tl_change_named {
 
 typedef struct tl_change_needs {
     tl_change_kind kind;
-    tl_change_right right; /* required; in a rule with `names` not used (tl_change_needs_of()) */
+    tl_change_right right; /* required. In a rule with `names` it is ignored: see tl_change_needs_of() */
     tl_change_named names; /* what the value of this key names */
 } tl_change_needs;
 
@@ -133,7 +133,7 @@ typedef struct tl_config_privileged {
     char path[TL_JSON_PATH];
     char found[TL_CONFIG_EDIT_SHOWN]; /* as JSON, cut */
     tl_change_named names;
-    bool lacks_hash; /* an FMU without folder and sha256; with its sha256 it would be permitted */
+    bool lacks_hash; /* an FMU that is named without folder and sha256; with its sha256 it would be allowed */
 } tl_config_privileged;
 
 typedef struct tl_config_change {

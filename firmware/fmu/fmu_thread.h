@@ -7,8 +7,9 @@
  * Jobs:    the thread executes one job after the other. While the caller waits for a job, it checks
  *          how long the current FMU call lasts, unless another process checks it.
  * Signals: the thread blocks no signal, because programs that an FMU starts would inherit the mask.
- *          The main thread handles the signals that request termination. SIGUSR1 wakes the FMU
- *          thread from a sleep; it is not sent during a call of an FMU.
+ *          The main thread blocks none either. So the kernel delivers signals that request
+ *          termination to the main thread (interrupt.h). SIGUSR1 wakes the FMU thread from a sleep;
+ *          it is not sent during a call of an FMU.
  * Thread:  all functions are called by the main thread, or by the thread that started the FMU
  *          thread.
  */
@@ -57,7 +58,8 @@ void tl_fmu_thread_wake_and_wait(tl_fmu_thread *thread);
 tl_status tl_fmu_thread_run(tl_fmu_job *job, void *context);
 
 /* Checks the duration of the current FMU call once. Call it repeatedly if the caller does other
- * work while a job runs. With TL_FMU_WATCHED_ELSEWHERE only reinstalls our signal handlers. */
+ * work while a job runs. With TL_FMU_WATCHED_ELSEWHERE it checks no duration. Then it only
+ * reinstalls our signal handlers, because an FMU may have replaced them (interrupt.h). */
 void tl_fmu_thread_watch(tl_fmu_thread *thread);
 
 /* Returns the kernel's thread id (gettid), for scheduling. Valid after the first job is done. */

@@ -1,13 +1,13 @@
-/* Live host: connects an activation (activation.h) to the live run: status of the twins, tunings,
- * shadow and handover.
+/* Live host: connects an activation to the live run: status of the twins, tunings, shadow and
+ * handover. An activation changes the configuration of the run in several steps (activation.h).
  *
  * Purpose: reads and writes the memory that the config manager shares with the other processes. The
  *          live twin is in the slot that the handover block names (handover.h).
  * Orders:  requests to the supervisor (handover_control.h), one at a time. The host writes the next
  *          order when the supervisor has executed the previous one. Orders outlive the process: a
  *          restarted config manager finds the order and its result.
- * Tunings: both slots share one sequence of numbers, so that an answer of the recorder always
- *          belongs to one tuning.
+ * Tunings: are numbered in one sequence for both slots. The recorder reports the number of the
+ *          newest tuning that it has recorded, and this number belongs to one tuning only.
  * Trust:   status blocks come from processes with FMUs: numbers are bounded, names are cleaned.
  * Memory:  the caller owns all blocks; they must outlive the host.
  * Errors:  the functions of the host return them.
@@ -35,7 +35,7 @@ typedef struct tl_live_host {
     const char *text_hash;                    /* of `text` */
     tl_time step;                             /* T_S, ns */
     tl_journal *journal;
-    bool wants_none; /* private: after the previous order, orders that the shadow ends */
+    bool wants_none; /* private: the shadow must end, but that order still waits for the previous one */
     uint32_t given;  /* private: number of the newest tuning that this process wrote */
 } tl_live_host;
 

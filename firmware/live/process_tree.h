@@ -26,13 +26,13 @@ typedef struct tl_process_tree_settings {
     uint64_t memory_limit;           /* of an FMU process, bytes; 0: half of the machine's (confine.h) */
     double require_lock;             /* least % of steps in lock, else exit code 3; 0: once is enough */
     bool supervised;                 /* restarts a failed twin; else its failure ends the run */
-    tl_time call_limit;              /* ns; as in supervisor.h, if not supervised */
+    tl_time call_limit;              /* ns; if not supervised: FMU calls that hang for ten times this end the run */
     const char *state;               /* folder of the restart record, if supervised; NULL: none */
     const char *control;             /* control socket to change the configuration; NULL: none. Needs `state` */
-    const char *allowed;             /* file: the administrator's list of names that a remote configuration may use */
+    const char *allowed;             /* file: files and libraries that a configuration from the network may name */
     const char *watchdog;            /* device; NULL: none */
     int watchdog_s;                  /* timeout of the watchdog, s */
-    const tl_twin_role_tasks *tasks; /* tasks of a twin process */
+    const tl_twin_role_tasks *tasks; /* functions of higher layers that a twin process calls */
     int (*run_role)(const char *role, void *context); /* runs a role in a fork if exec is not possible (role.h) */
 } tl_process_tree_settings;
 

@@ -1,6 +1,6 @@
 /* Twin slots: memory of the two twin processes of a run, and the confinement of io and recorder.
  *
- * Thread:  the supervisor's.
+ * Thread:  each part states its own.
  */
 #ifndef TL_FIRMWARE_LIVE_TWIN_SLOTS_H
 #define TL_FIRMWARE_LIVE_TWIN_SLOTS_H
@@ -19,8 +19,8 @@
  * Memory:  the record queue is allocated when a configuration is loaded; its size depends on the
  *          configuration. Pages take memory only when they are used.
  * Trust:   a candidate is untrusted. Its text is copied and its hash is verified, but the text is
- *          not parsed. The numbers in the order come from another process and are bounded here. If
- *          they are wrong, the twin detects that its memory has the wrong size.
+ *          not parsed. Its sizes (`needs`) come from another process and are bounded here. If they
+ *          are wrong, the twin detects that its memory has the wrong size.
  * Thread:  the supervisor's.
  */
 
@@ -34,8 +34,8 @@ typedef struct tl_twin_slot {
     char hash[TL_SHA256_TEXT];
     tl_twin_fmus fmus;
     bool unconfined;
-    tl_time start;         /* shadow: t_start of the live twin's run when the shadow was ordered, ns; else 0 */
-    int64_t started;       /* shadow: start of that run, UTC, ms */
+    tl_time start;         /* shadow: t_start of the live twin, monotonic clock, ns; else 0 */
+    int64_t started;       /* shadow: the same instant in UTC, ms since 1970 */
     tl_twin_process *twin; /* the running process; NULL: none */
     pid_t pid;             /* of `twin`; 0: none */
     char *copy;            /* private: the text, if the slot owns it */
@@ -47,8 +47,9 @@ tl_status tl_twin_slot_load(tl_twin_slot *slot, const tl_config *config, bool un
 
 /* Loads a candidate (tl_live_candidate) into the slot and replaces its content. `needs`: sizes of
  * the candidate, as a worker has computed them. `step`: of the run, ns. The slot must have no
- * running twin, and the recorder must have read the whole queue. Clears the status block, except
- * its process number. Errors: TL_BAD_DATA, TL_TRY_AGAIN; then the slot is empty. */
+ * running twin, and the recorder must have read the whole queue. Clears the status block, but keeps
+ * `number`, the count of twin processes. Errors: TL_BAD_DATA, TL_TRY_AGAIN; then the slot is
+ * empty. */
 tl_status tl_twin_slot_load_candidate(tl_twin_slot *slot, const tl_block *candidate, const tl_live_needs *needs,
                                       tl_time step, tl_error *error);
 
@@ -73,7 +74,7 @@ void tl_twin_slot_unload(tl_twin_slot *slot);
  * Both:    may not start a program, accept connections, trace, or signal another process.
  * Missing: features that the kernel lacks are skipped. The twin process lacks the same ones and
  *          reports them.
- * Thread:  the main thread, before any other thread is started. Errors: TL_TRY_AGAIN.
+ * Thread:  the main thread of io or recorder, before it starts another one. Errors: TL_TRY_AGAIN.
  */
 
 /* `kind`: tl_driver_bit() of the sources that this process reads; 0: no sources. */

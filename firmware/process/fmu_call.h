@@ -54,7 +54,7 @@ typedef enum tl_fmu_function {
 
 /* Fields are private. Zeroed: no calls. */
 typedef struct tl_fmu_calls {
-    uint32_t begun;  /* number of calls so far; all calls of a step count as one; wraps around */
+    uint32_t begun;  /* number of calls so far; all calls in a step of one FMU count as one; wraps around */
     uint32_t now;    /* present call: number of the FMU + function; 0: none */
     uint32_t fmus;   /* number of names in use */
     uint32_t asked;  /* 1: the process has noted the signal to end */
@@ -64,7 +64,7 @@ typedef struct tl_fmu_calls {
 
 /* A call, as read from the block. */
 typedef struct tl_fmu_call {
-    uint32_t begun;       /* number of the call; equal in two reads: the same call, or the same step */
+    uint32_t begun;       /* number of the call; equal in two reads: the same call, or the same step of the FMU */
     const char *function; /* for example "fmi2DoStep" */
     char fmu[TL_FMU_CALL_NAME];
 } tl_fmu_call;

@@ -78,11 +78,11 @@ typedef struct tl_fmu_memory {
     tl_fmu_regions regions; /* private, from here on */
     bool has_regions;       /* `regions` is valid */
     unsigned char
-        *opened_as[TL_FMU_REGIONS]; /* per region of a library that a call opened: its contents then; NULL: not known */
+        *opened_as[TL_FMU_REGIONS]; /* per region of a library that a call opened: contents once open; NULL: unknown */
     uint32_t opened_in
         [TL_FMU_REGIONS]; /* per region: value of `openings` when a call opened its library; 0: not opened by a call */
     uint32_t openings;    /* how often calls have opened a library since the first state was saved */
-    size_t loaded;        /* number of libraries before a call opens one */
+    size_t loaded;        /* objects that were loaded before the FMU's last dlopen(): program and libraries */
     size_t paged;         /* regions that existed when `pages` was created */
     uint32_t settled_threads;   /* heap->threads_started when all of the FMU's threads were last found asleep */
     uint32_t live_threads;      /* how many of these threads had not ended then */
