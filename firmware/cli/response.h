@@ -23,7 +23,7 @@ typedef struct tl_response {
     bool is_known;     /* false: nothing was measured, and the other fields are 0 */
     bool has_range;    /* the variable has both bounds; false: its range counts as ten times its `step` each way */
     size_t match;      /* the matched output that is first moved by a tolerance, else the one that is moved most */
-    double soon;       /* its movement within T_P by one `step` of the variable, in its unit */
+    double soon;       /* movement of this output within T_P by one `step` of the variable, in the output's unit */
     double most;       /* its largest movement within `length` */
     tl_time half;      /* time to half of `most`, ns */
     tl_time length;    /* duration of the measurement, ns */
@@ -35,8 +35,8 @@ typedef struct tl_response {
 #define TL_RESPONSE_LONGEST (TL_SECOND / 4)
 
 /* Fills one entry per adjusted variable. A failure of an FMU leaves the entry unknown. `step_time`:
- * duration of a free step here, ns. `longest`: bound for all steps together, ns; 0: none are made.
- * Errors: those of tl_twin_respond(). */
+ * duration of a free step on this machine, ns. `longest`: time limit for all steps together, ns; 0:
+ * executes none. Errors: those of tl_twin_respond(). */
 tl_status tl_response_measure(const tl_assembly *assembly, tl_time step_time, tl_time longest,
                               tl_response responses[TL_MAX_ADJUST], tl_error *error);
 

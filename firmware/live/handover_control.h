@@ -44,7 +44,7 @@ typedef struct tl_handover_control {
     bool unconfined; /* permits components with `unconfined`: FMUs with all rights of the user */
     void *context;
     void (*report)(void *context, const char *text); /* reports a handover: log and event */
-    bool holds;                                      /* safe hold; set by the caller, also later */
+    bool holds;                                      /* safe hold; the caller sets it, also during the run */
     /* private */
     bool wants_shadow;
     uint32_t done;               /* newest completed handover; the handover block may be one ahead */

@@ -138,10 +138,10 @@ typedef struct tl_live_resume_answer {
 typedef struct tl_live_recorder_status {
     tl_heartbeats beats;
     tl_time damaged[TL_LIVE_QUEUES]; /* tl_recorder_writer_damage() of each record queue */
-    uint32_t drained;                /* newest handover before which all is recorded (old queue empty) */
+    uint32_t drained;                /* newest handover for which the old record queue is recorded to its end */
     uint32_t open_findings;          /* of the change detector */
     uint32_t explanations;           /* number of explanations that were due (live_detection.h) */
-    uint32_t due_finding;            /* number of the finding for the newest one */
+    uint32_t due_finding;            /* number of the finding for the newest of these explanations */
     tl_recorder_writer_state state;
     tl_live_resume_answer answer[TL_TWIN_SLOTS]; /* to the twin in each slot */
 } tl_live_recorder_status;

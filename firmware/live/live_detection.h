@@ -30,8 +30,8 @@ void tl_live_detection_observe(tl_live_detection *self, const tl_recorder_entry 
 void tl_live_detection_store(tl_live_detection *self, tl_recorder_writer *writer, bool at_end);
 
 /* Returns the number of a finding whose explanation has become due since the last call; 0: none.
- * One is due one reaction after a finding, and another one when the record after its onset is as
- * long as explanation.h uses. */
+ * Each finding is explained twice: R after it was found, and TL_EXPLANATION_AFTER (10) · R after
+ * its onset. R is the duration of a release (explanation.h). */
 uint32_t tl_live_detection_take_due(tl_live_detection *self);
 
 /* Returns how many findings are open. */

@@ -84,9 +84,9 @@ tl_status tl_cached_component_reset(tl_cached_component *cached, tl_error *error
 /* Moves the candidate to the root. */
 void tl_cached_component_rewind(tl_cached_component *cached);
 
-/* stand() moves the FMU to the root, which is before macro step `step`. can_stand() is true if this
- * needs no execution. Otherwise the root has no saved state, and the FMU catches up from a node
- * above. */
+/* stand() brings the FMU into the state of the root, at the start of macro step `step`. can_stand()
+ * is true if this needs no execution. Otherwise the root has no saved state, and the FMU catches up
+ * from a node above. */
 bool tl_cached_component_can_stand(const tl_cached_component *cached);
 tl_status tl_cached_component_stand(tl_cached_component *cached, int64_t step, tl_error *error);
 

@@ -25,7 +25,7 @@ typedef struct tl_cost {
     double mean;  /* ns: recent mean over candidates, without the committed step, which may take far longer */
 } tl_cost;
 
-/* Executions in a row that may all take as long as the longest. */
+/* Number of executions in a row of which each may take as long as the longest recent one. */
 enum { TL_COST_FEW = 16 };
 
 /* Expected cost of `times` executions in a row, ns. TL_COST_FEW of them count with the longest

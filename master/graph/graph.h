@@ -36,7 +36,7 @@ bool tl_conversion_is_identity(const tl_conversion *conversion);
  *
  * Purpose: resolves the names of a plan in the FMUs, checks types and units, and answers questions
  *          about paths. It holds no values; exchange.h does.
- * Source:  thesis, section 4.2; c̃(a, b) is the shortest path, one per edge (eq. 4.1).
+ * Source:  thesis, section 4.2; c̃(a, b) is the number of edges of the shortest path (eq. 4.1).
  * Nodes:   components 0 … component_count − 1 are FMUs; node component_count is the plant.
  * Owner:   everything is in the arena.
  */

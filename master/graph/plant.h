@@ -10,8 +10,9 @@
  * Shift:   the plant at the instant t_i is the sample of tick i + shift. This compensates the delay
  *          of inputs. If i + shift is below 0, it is the sample of tick 0.
  * Saving:  if executions are saved, a step of the plant is known if it delivers the same tick's
- *          sample as before. If a sample replaced a later one, the step is not known when the later
- *          sample has arrived. Within a tick, the samples are the same for every candidate.
+ *          sample as before. If the sample of a tick is missing, the step delivers the newest one.
+ *          When the missing sample has arrived, the step is not known any more. Within a tick, the
+ *          samples are the same for every candidate.
  * Thread:  the twin's.
  */
 #ifndef TL_MASTER_GRAPH_PLANT_H

@@ -44,7 +44,7 @@ struct tl_twin {
     tl_delay_meter *meters[TL_MAX_MATCH]; /* NULL: the output delay Δo is not measured */
     tl_time offsets[TL_MAX_MATCH];        /* of the measured delays from those in use (tl_plan_measure) */
     bool has_offset[TL_MAX_MATCH];
-    uint32_t measured_age; /* release_age of the last step that the meters got; 0: they got none, or y */
+    uint32_t measured_age; /* release_age of the last y that `meters` got; 0: not of a released twin, or none yet */
     tl_twin_delay delay;
     tl_time step;             /* T_S, ns */
     tl_experiment experiment; /* in use */
