@@ -42,6 +42,7 @@ CHECK_TIMES = (
     (re.compile(r"\S+ (\u00b5s|ms|s) here: \S+ (%|cycles)"), r"* here: * \2"),
     (re.compile(r"\S+ \u00b5s (to save, step and restore; by its own state) \S+ \u00b5s"), r"* \1 *"),
     (re.compile(r"measured by \d+ free steps"), "measured by * free steps"),
+    (re.compile(r"(?m)^          which moves .*\n.*\n|^          moves no matched output .*\n"), ""),
     (re.compile(r'(?m)^faster\n(?:  .* would take .*\n)+'), ""),
     (re.compile(r'"auto" keeps \w+'), '"auto" keeps *'),
     (re.compile(r'(?s)(?<="auto" keeps \*)(.*?)\nexecutions of an evaluation, .*?KiB: without[^\n]*'), r"\1"),

@@ -353,6 +353,7 @@ static void print_adjusted(const tl_assembly *assembly, size_t index, FILE *outp
 static void print_response(const tl_assembly *assembly, const tl_response *response, FILE *output) {
     const tl_plan_match *match = &assembly->config.match[response->match];
     const char *unit = tl_twin_match_unit(assembly->twin, response->match);
+    unit = strcmp(unit, "1") == 0 ? "" : unit;
     if (!response->is_known) {
         return;
     }
@@ -741,9 +742,10 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     }
     tl_time longest = job->brief ? 0 : TL_RESPONSE_LONGEST;
     tl_status status = tl_response_measure(assembly, prognosis.step_time, longest, responses, &prognosis.error);
-    if (status != TL_OK) {
-        tl_log(TL_LOG_ERROR, "%s", prognosis.error.text);
-        return status;
+    bool is_usable = status == TL_OK; /* else the twin cannot be tested any more */
+    if (!is_usable) {
+        tl_log(TL_LOG_WARNING, "%s: %.300s, with one step of an adjusted variable: a search would end the run",
+               config->path, prognosis.error.text);
     }
     (void)fprintf(output, "%s: %s\n", config->path, config->name);
     print_components(assembly, output);
@@ -755,19 +757,20 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     print_needs(assembly, &prognosis, output);
     tl_live_blocks_of(config, saved_size(assembly), &blocks);
     print_costs(assembly, &prognosis, &blocks, output);
-    if (!job->brief) {
+    if (!job->brief && is_usable) {
         tl_late_verification_run(assembly, prognosis.next_tick, &rollback);
     }
     print_rollback_test(assembly, &rollback, output);
-    tl_read_back_run(assembly, host, &states);
+    tl_read_back_run(assembly, is_usable ? host : NULL, &states);
     print_read_back(assembly, &states, output);
     if (!job->unconfined) {
         print_limits(assembly, job->memory, output);
     }
-    if (!job->brief && config->event.start.signal == NULL) {
+    if (!job->brief && is_usable && config->event.start.signal == NULL) {
         print_faster_keep(assembly, output);
     }
-    found->warnings = (uint32_t)tl_advice_print(assembly, &prognosis, responses, &rollback, &states, output);
+    found->warnings =
+        (uint32_t)tl_advice_print(assembly, &prognosis, responses, &rollback, &states, output) + (is_usable ? 0 : 1);
     found->least = prognosis.step_time;
     found->worst = prognosis.worst_time;
     found->memory = (uint64_t)facts.memory + facts.state_memory + blocks.queue + blocks.checkpoints;

@@ -21,17 +21,12 @@ static size_t find_steps(const tl_assembly *assembly, tl_time step_time, tl_time
     return steps < MOST_STEPS ? (size_t)steps : MOST_STEPS;
 }
 
-/* One step of the variable, towards the bound that is further away. */
-static double find_change(const tl_twin_adjusted *adjusted) {
-    return adjusted->upper - adjusted->nominal >= adjusted->nominal - adjusted->lower ? adjusted->step
-                                                                                      : -adjusted->step;
-}
-
-/* The whole range, in steps of the variable. */
-static double find_range(const tl_twin_adjusted *adjusted, bool *has_range) {
-    double range = fmax(adjusted->upper - adjusted->nominal, adjusted->nominal - adjusted->lower);
-    *has_range = isfinite(adjusted->upper) && isfinite(adjusted->lower);
-    return *has_range ? range / adjusted->step : STEPS_WITHOUT_BOUNDS;
+/* What may be added to nominal, towards the bound that is further away. */
+static double find_room(const tl_assembly *assembly, size_t index, const tl_twin_adjusted *adjusted) {
+    double nominal = tl_twin_present_nominal(assembly->twin, index);
+    double above = adjusted->upper - nominal;
+    double below = nominal - adjusted->lower;
+    return above >= below ? above : -below;
 }
 
 /* Describes the response of one output; `moved` has `count` entries a step. */
@@ -65,21 +60,30 @@ static bool is_better(const tl_assembly *assembly, const tl_response *one, const
     return !other->is_known || is_first || (one->steps == other->steps && is_larger);
 }
 
+/* `moved` is by one step of the variable, also if the bounds permit less. */
 static tl_status measure(const tl_assembly *assembly, size_t index, double *moved, size_t steps, tl_response *response,
                          tl_error *error) {
     const tl_config *config = &assembly->config;
     const tl_twin_adjusted adjusted = tl_twin_get_adjusted(assembly->twin, index);
-    tl_error failure;
-    bool has_range = false;
-    double range = find_range(&adjusted, &has_range);
-    tl_status status = tl_twin_respond(assembly->twin, index, find_change(&adjusted), steps, moved, &failure, error);
+    double room = find_room(assembly, index, &adjusted);
+    double change = copysign(fmin(adjusted.step, fabs(room)), room);
+    bool has_range = isfinite(adjusted.upper) && isfinite(adjusted.lower);
+    double range = has_range ? fabs(room) / adjusted.step : STEPS_WITHOUT_BOUNDS;
+    tl_error failure = {TL_OK, ""};
+    if (fabs(change) <= 0.0) {
+        return TL_OK;
+    }
+    tl_status status = tl_twin_respond(assembly->twin, index, change, steps, moved, &failure, error);
+    for (size_t i = 0; i < steps * config->match_count; i++) {
+        moved[i] *= adjusted.step / fabs(change);
+    }
     for (size_t m = 0; m < config->match_count && status == TL_OK && failure.status == TL_OK; m++) {
         tl_response found = describe(assembly, m, moved, config->match_count, steps, range);
         if (config->match[m].weight > 0.0 && found.is_known && is_better(assembly, &found, response)) {
             *response = found;
+            response->has_range = has_range;
         }
     }
-    response->has_range = has_range;
     return status;
 }
 
@@ -92,7 +96,8 @@ tl_status tl_response_measure(const tl_assembly *assembly, tl_time step_time, tl
         return TL_OK;
     }
     size_t steps = find_steps(assembly, step_time, longest, config->adjust_count);
-    double *moved = steps > 0 ? calloc(steps * config->match_count, sizeof *moved) : NULL;
+    bool is_enough = steps > 0 && steps >= tl_twin_get_facts(assembly->twin).prediction;
+    double *moved = is_enough ? calloc(steps * config->match_count, sizeof *moved) : NULL;
     for (size_t i = 0; i < config->adjust_count && moved != NULL && status == TL_OK; i++) {
         if (tl_twin_get_adjusted(assembly->twin, i).is_real) {
             status = measure(assembly, i, moved, steps, &responses[i], error);

@@ -5,7 +5,8 @@
  *          counts components, not their time constants.
  * Method:  two free runs of a twin that has begun, with and without a lasting change, with constant
  *          signals of the plant. Larger changes are extrapolated linearly.
- * Not for: an event horizon, Boolean variables, and FMUs that are rolled back by replay.
+ * Not for: an event horizon, Boolean variables, FMUs that are rolled back by replay, and those that
+ *          are too slow for T_P steps.
  * Thread:  the FMU thread. The twin remains as it was.
  */
 #ifndef TL_FIRMWARE_CLI_RESPONSE_H

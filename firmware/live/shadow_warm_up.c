@@ -89,6 +89,7 @@ static void execute_tick(course_walk *self, const tl_sample *sample) {
         .time = config->budget_time,
         .started = tl_clock_now(NULL),
         .now = tl_clock_now,
+        .unrecorded = true,
     };
     tl_record record;
     bool ready = false;

@@ -987,17 +987,21 @@ tl_status tl_history_events(tl_history *history, const tl_history_run *run, cons
                             const tl_history_visitor *visitor, tl_error *error) {
     static const char sql[] = "SELECT event, at, tick, coalesce(name, CAST(severity AS TEXT)), source, text FROM events"
                               " LEFT JOIN severities ON code = severity"
-                              " WHERE run = ?1 AND at >= ?3 AND event > ?4 AND event >= (SELECT min(event) FROM"
-                              " (SELECT event FROM events WHERE run = ?1 AND at >= ?3 ORDER BY event DESC LIMIT ?2))"
-                              " ORDER BY event LIMIT ?5";
+                              " WHERE run = ?1 AND at >= ?3 AND event > ?4 ORDER BY event LIMIT ?5";
+    static const char first[] = "SELECT min(event) FROM (SELECT event FROM events WHERE run = ?1 AND at >= ?3"
+                                " ORDER BY event DESC LIMIT ?2)";
     sqlite3_stmt *statement = NULL;
     int64_t last = 0;
     int found = ROWS_AT_ONCE;
-    tl_status status = tl_database_prepare(history->database, sql, &statement, error);
+    tl_status status = most < 0 ? TL_OK : query_row(history, first, run->run, most, from_at, &statement, error);
+    if (statement != NULL) {
+        last = sqlite3_column_int64(statement, 0) - 1;
+        (void)sqlite3_finalize(statement);
+    }
+    status = status == TL_OK ? tl_database_prepare(history->database, sql, &statement, error) : status;
     while (status == TL_OK && found == ROWS_AT_ONCE) {
         int code = SQLITE_ROW;
         (void)sqlite3_bind_int64(statement, 1, run->run);
-        (void)sqlite3_bind_int64(statement, 2, most);
         (void)sqlite3_bind_text(statement, 3, from_at, -1, SQLITE_STATIC);
         (void)sqlite3_bind_int64(statement, 4, last);
         (void)sqlite3_bind_int(statement, 5, ROWS_AT_ONCE);

@@ -578,6 +578,7 @@ static void run_cycle(void *context) {
             .time = config->budget_time,
             .started = tl_clock_now(NULL),
             .now = tl_clock_now,
+            .unrecorded = !cycle->has_run,
         };
         if (!is_stopped(cycle) && budget.started >= instant) {
             cycle->shown.late += budget.started - instant;

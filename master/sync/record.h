@@ -20,6 +20,7 @@ typedef struct tl_budget {
     tl_time started;               /* reading of `now` at the start of this tick, ns */
     tl_time (*now)(void *context); /* monotonic clock, ns; NULL in a replay, so that its results are repeatable */
     void *context;
+    bool unrecorded;      /* no replay repeats this tick: nothing lasting is decided by the clock */
     bool repeated;        /* repeats a recorded step that ran out of time after `evaluations`, which may be 0 */
     bool without_nominal; /* only if `repeated`: nominal was not evaluated in that step */
     uint64_t executions;  /* only if `repeated`: executions of that step in the search of an event horizon */

@@ -68,7 +68,8 @@ tl_status tl_released_twin_begin(tl_released_twin *twin, tl_error *error);
 
 /* Call after each committed step with its complete record: executes the same step of both, fills
  * `released` and `release_age` of the record, and releases a twin if it is its turn. Afterwards the
- * FMUs are in their state from before the call. `now`: clock of the step, ns; NULL in a replay.
+ * FMUs are in their state from before the call. `now`: clock of the step, ns; NULL if the tick
+ * is a replayed or an unrecorded one.
  * With a clock, released twins end for good if they take more than a tenth of T_S; this record then
  * has TL_FLAG_RELEASED_SLOW.
  * Errors: TL_FMU_FAILED or TL_FMU_FATAL if a rollback fails. */

@@ -719,8 +719,9 @@ static tl_status compute_step(tl_twin *twin, int64_t step, const tick_mode *mode
 static tl_status follow_released_twin(tl_twin *twin, const tick_mode *mode, tl_record *record, tl_error *error) {
     bool measures = twin->measure.lags != 0 && twin->released_twin.state == TL_RELEASED_ON;
     const tl_budget *budget = measures && !twin->measure.is_unused ? NULL : mode->budget;
-    tl_status status = tl_released_twin_follow(&twin->released_twin, record, budget != NULL ? budget->now : NULL,
-                                               budget != NULL ? budget->context : NULL, error);
+    bool decides = budget != NULL && !budget->unrecorded;
+    tl_status status = tl_released_twin_follow(&twin->released_twin, record, decides ? budget->now : NULL,
+                                               decides ? budget->context : NULL, error);
     for (size_t i = 0; record->release_age != 0 && i < twin->synchroniser.objective.term_count; i++) {
         tl_metrics_add(&twin->released[i], record->released[i], record->measured[i],
                        (tl_quality)record->measured_quality[i]);

@@ -49,6 +49,10 @@ tl_status tl_twin_try_value(tl_twin *twin, size_t adjust, double value, double *
     return status;
 }
 
+double tl_twin_present_nominal(const tl_twin *twin, size_t adjust) {
+    return tl_exchange_nominal(&twin->exchange, adjust);
+}
+
 /* Adds y of all steps, times `sign`, to `response`. */
 static void run_response(tl_twin *twin, size_t adjust, double change, size_t steps, double sign, double *response,
                          tl_error *failure) {

@@ -26,6 +26,9 @@
 tl_status tl_twin_try_value(tl_twin *twin, size_t adjust, double value, double *values, tl_error *failure,
                             tl_error *error);
 
+/* Returns the present nominal u of an adjusted variable: it may come from the plant. */
+double tl_twin_present_nominal(const tl_twin *twin, size_t adjust);
+
 /* Measures how all outputs of `match` respond to a lasting change of one adjusted variable.
  * Executes `steps` steps from the state after the last committed step with nominal u, then again
  * with `change` added to nominal of this variable. Then restores that state. The plant's signals

@@ -74,6 +74,16 @@ def test_an_fmu_fails_within_the_bounds_only():
     expect(warnings(keeper_fmu.make_limits(LIMIT=LIMIT), max=LIMIT) == [], "u does not exceed its limit")
 
 
+def test_a_step_that_is_larger_than_the_bounds_permit():
+    """The response is measured within the bounds, and printed for one step."""
+    path = keeper_fmu.config(keeper_fmu.make_limits(LIMIT=LIMIT, REFUSES=3), None, evaluations=10)
+    config = json.loads(path.read_text(encoding="utf-8"))
+    config["synchronise"]["adjust"]["keeper0.u"] |= {"min": -10, "max": 12, "step": 16}
+    out = run_well(["check", write_config(config)])
+    expect_line(out, "which moves keeper0.y|within T_P")
+    expect_line(out, "no problem found")
+
+
 def test_without_bounds():
     """64 steps from nominal, which is 1. Another warning asks for bounds."""
     fails, *others = warnings(keeper_fmu.make_limits(LIMIT=5), min=None, max=None)

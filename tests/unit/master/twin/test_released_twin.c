@@ -332,6 +332,20 @@ static void without_time_they_end(void) {
     TEST_ASSERT_EQUAL_INT64(2 * step_time, facts().released_time);
 }
 
+/* A shadow, for example: no replay would repeat its decision. */
+static void an_unrecorded_twin_keeps_them(void) {
+    step_time = TL_SECOND;
+    begin(&with);
+    run.budget.now = read_clock;
+    run.budget.time = TL_SECOND * 1000000;
+    run.budget.unrecorded = true;
+    lead(&with, 40, 1.0);
+    TEST_ASSERT_EQUAL_UINT32(TL_RELEASED_ON, facts().released_state);
+    run.budget.unrecorded = false;
+    lead(&with, TL_RELEASED_TIMED, 1.0);
+    TEST_ASSERT_EQUAL_UINT32(TL_RELEASED_SLOW, facts().released_state);
+}
+
 /* A run whose released twins end for lack of time, and a replay that ends them as recorded. */
 static void a_replay_ends_them_at_the_same_step(void) {
     for (int pairing = 0; pairing < 3; pairing++) {
@@ -455,6 +469,7 @@ int main(void) {
     RUN_TEST(there_are_none_if_they_are_not_possible);
     RUN_TEST(a_quarter_of_the_memory_is_enough);
     RUN_TEST(without_time_they_end);
+    RUN_TEST(an_unrecorded_twin_keeps_them);
     RUN_TEST(a_replay_ends_them_at_the_same_step);
     RUN_TEST(a_pause_does_not_end_them);
     RUN_TEST(a_reset_releases_again);
