@@ -8,18 +8,18 @@
  *           (`cycle_s`) if that is longer. Short blocks date large changes early; long blocks find
  *           small changes.
  * Alarms:   `false_alarms_per_year` of the configuration is divided equally among all series.
- * Start:    the first ten releases after each start and reset of the FMUs are left out, but at most
- *           a tenth of the learning time, or one release if that is longer. One release is left out
- *           after a gap in the readings.
+ * Start:    after each start and reset of the FMUs, the first ten releases are left out. If they
+ *           last longer than a tenth of the learning time, only this tenth is left out, but at
+ *           least one release. One release is left out after a gap in the readings.
  * Finding:  one for each lasting change. Changes of several quantities are one finding if they
  *           begin at about the same time, or if one makes the other move: a correction moves all
  *           outputs of the released twin, and a matched output moves corrections. The finding is
- *           named after the correction, else after the output. It is gone when the series that gave
- *           it its size is normal again.
- * Levels:   if a quantity takes the level of one of its last eight findings, that finding opens
- *           again, for example when a product recurs. If it was gone for at most the learning time,
- *           it keeps its onset; else it has a new one, and is reported like a new finding. Another
- *           level is another finding.
+ *           named after the correction; without one, after the output. It is gone when the series
+ *           from which its size was computed is normal again.
+ * Levels:   if a quantity returns to the level of one of its last eight findings, that finding
+ *           opens again, for example when a product recurs. If it was gone for at most the learning
+ *           time, it keeps its onset. Otherwise it has a new onset, and is reported like a new
+ *           finding. A change to another level is another finding.
  * Cause:    two released twins run at the onset. Both were begun before it, so they have used no
  *           later measurement. An output is *off* if its mean error, while one of these twins is
  *           recorded, exceeds three deviations. If one output is off, the cause is its sensor, or
