@@ -277,7 +277,7 @@ static const char *const ORIGINS[] = {[TL_EXPLAINED_ADJUSTED] = "adjusted",
                                       [TL_EXPLAINED_PARAMETER] = "parameter",
                                       [TL_EXPLAINED_SENSOR] = "sensor"};
 static const char *const VERDICTS[] = {
-    [TL_SCORE_NOTHING] = "nothing", [TL_SCORE_FOUND] = "found", [TL_SCORE_NONE] = "none"};
+    [TL_SCORE_NOT_BETTER] = "nothing", [TL_SCORE_FOUND] = "found", [TL_SCORE_UNEXPLAINED] = "none"};
 
 static void write_name(const tl_explained *one, char text[TEXT]) {
     (void)snprintf(text, TEXT, "%s%.*s %s", one->origin == TL_EXPLAINED_SENSOR ? "sensor " : "", TL_ACCOUNT_TEXT,
@@ -360,7 +360,7 @@ static void write_sentence(const explain_verb *self, char text[SENTENCE]) {
     char others[NAMED * TEXT];
     char words[TL_CONFIG_WORDS + 2];
     char since[TL_LOCK_INSTANT];
-    if (all->result.verdict == TL_SCORE_NOTHING) {
+    if (all->result.verdict == TL_SCORE_NOT_BETTER) {
         write_onset(self, to_seconds(self, (double)all->window.onset), since);
         (void)snprintf(text, SENTENCE, "Nothing explains it yet: since %s no candidate predicts noticeably better.",
                        since);
@@ -372,7 +372,7 @@ static void write_sentence(const explain_verb *self, char text[SENTENCE]) {
     write_size(self, best, size);
     write_onset(self, onset_of(self, best), since);
     write_others(self, others, sizeof others);
-    if (all->result.verdict == TL_SCORE_NONE) {
+    if (all->result.verdict == TL_SCORE_UNEXPLAINED) {
         (void)snprintf(text, SENTENCE, "None of the candidates explains it; nearest: %s %s since %s explains %.0f %%.",
                        name, size, since, 100.0 * explained_by(self, best));
     } else {

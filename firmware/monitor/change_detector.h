@@ -8,22 +8,23 @@
  *           (`cycle_s`) if that is longer. Short blocks date large changes early; long blocks find
  *           small changes.
  * Alarms:   `false_alarms_per_year` of the configuration is divided equally among all series.
- * Start:    the first ten releases after each start and reset of the FMUs are left out, but at most
- *           a tenth of the learning time, or one release if that is longer. One release is left out
- *           after a gap in the readings.
+ * Start:    after each start and reset of the FMUs, the first ten releases are left out. If they
+ *           last longer than a tenth of the learning time, only this tenth is left out, but at
+ *           least one release. One release is left out after a gap in the readings.
  * Finding:  one for each lasting change. Changes of several quantities are one finding if they
  *           begin at about the same time, or if one makes the other move: a correction moves all
  *           outputs of the released twin, and a matched output moves corrections. The finding is
- *           named after the correction, else after the output. It is gone when the series that gave
- *           it its size is normal again.
- * Levels:   if a quantity takes the level of one of its last eight findings, that finding opens
- *           again, for example when a product recurs. If it was gone for at most the learning time,
- *           it keeps its onset; else it has a new one, and is reported like a new finding. Another
- *           level is another finding.
+ *           named after the correction; without one, after the output. It is gone when the series
+ *           from which its size was computed is normal again.
+ * Levels:   if a quantity returns to the level of one of its last eight findings, that finding
+ *           opens again, for example when a product recurs. If it was gone for at most the learning
+ *           time, it keeps its onset. Otherwise it has a new onset, and is reported like a new
+ *           finding. A change to another level is another finding.
  * Cause:    two released twins run at the onset. Both were begun before it, so they have used no
  *           later measurement. An output is *off* if its mean error, while one of these twins is
- *           recorded, exceeds three deviations. One output is off: its sensor, or an input that
- *           acts on it alone. Several: the plant. None, or there is only one output: not known.
+ *           recorded, exceeds three deviations. If one output is off, the cause is its sensor, or
+ *           an input that acts on it alone. If several are off, it is the plant. If none is off, or
+ *           if there is only one output, the cause is unknown.
  * Frozen:   a signal with the quality TL_FROZEN is a finding, too.
  * Limits:   a correction outside the user's limits is a finding of its own, also while learning. It
  *           is gone when the correction is within them again (limit_window.h), or when the limits
@@ -52,7 +53,7 @@ typedef struct tl_change_detector tl_change_detector;
 
 typedef enum tl_finding_turn {
     TL_FINDING_FOUND,   /* a new finding, or one that returns after more than the learning time */
-    TL_FINDING_FURTHER, /* news of a known finding: it returns sooner, has another name, a cause, or has grown */
+    TL_FINDING_FURTHER, /* update of a known finding: it has returned (sooner), has a new name or cause, or has grown */
     TL_FINDING_ENDED    /* it is gone */
 } tl_finding_turn;
 
@@ -90,8 +91,8 @@ typedef enum tl_change_acceptance {
 /* A user accepts the levels of the finding with this number as normal. */
 tl_change_acceptance tl_change_detector_accept(tl_change_detector *detector, uint32_t number);
 
-/* Sets the number after which new findings are numbered. `is_new`: the findings so far are not
- * stored anywhere, so `last` is added to their numbers, too. */
+/* Sets the largest number in use: new findings get numbers from `last` + 1 on. `is_new`: the
+ * detector's findings are not stored anywhere yet, so `last` is added to their numbers too. */
 void tl_change_detector_number_from(tl_change_detector *detector, uint32_t last, bool is_new);
 
 /* Writes what was learnt and the findings to `bytes`, which has tl_change_detector_size() bytes: at

@@ -31,8 +31,8 @@
  *            change is found once. The estimate is renewed whenever the time since the onset has
  *            doubled, until TL_SERIES_KEPT / 2 blocks. If another change is found, the estimate
  *            over all blocks since the first onset is tried first; if it explains both, they are
- *            one change. The series is no longer off if its level is normal, and the level minus
- *            the change is not normal.
+ *            one change. The series is no longer off if its new level is normal, but would not be
+ *            normal if the earlier change still existed (level minus that change).
  * Source:    E. S. Page, Continuous inspection schemes, Biometrika 41 (1954); N. Levinson, J. Math.
  *            Phys. 25 (1946), for the autoregressive model.
  * Memory:    plain data of the caller, about 32 kB, without pointers. The first TL_SERIES_STORED
@@ -104,7 +104,7 @@ typedef struct tl_change_series {
     uint64_t zero[2];          /* number of the block at which each sum was zero last */
     tl_series_histogram peaks; /* of both, while learning */
     uint64_t tested;           /* blocks in `peaks` */
-    double largest;            /* largest sum while learning */
+    double largest;            /* largest CUSUM sum while learning */
     double threshold;
     uint64_t number;    /* blocks so far; also the number of the newest one */
     uint64_t first;     /* number of the oldest usable block */

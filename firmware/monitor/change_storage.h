@@ -33,8 +33,8 @@ bool tl_change_storage_fill(tl_change_storage *storage, const tl_config *config,
 /* Frees `bytes`. */
 void tl_change_storage_release(tl_change_storage *storage);
 
-/* Converts a stored finding. `index`, `corrections`, `outputs`, `is_normal` and `is_decided` are 0.
- * Returns false if the row is not a valid finding. */
+/* Converts a stored finding. Sets `index`, `corrections`, `outputs`, `is_normal` and `is_decided`
+ * to 0. Returns false if the row is not a valid finding. */
 bool tl_change_storage_read(const tl_run_finding *row, tl_finding *finding);
 
 #endif

@@ -29,7 +29,7 @@ typedef enum tl_finding_subject {
     TL_FINDING_SIGNAL      /* a signal of the plant; only with FREEZE */
 } tl_finding_subject;
 
-/* What the released twin that was begun before the onset shows (master/sync/released_twin.h). */
+/* Cause, from the outputs of the twin released before the onset (master/sync/released_twin.h). */
 typedef enum tl_finding_cause {
     TL_FINDING_NO_CAUSE, /* not known: not decided yet, no output was off, or there is only one output */
     TL_FINDING_SENSOR,   /* one output was off: its sensor, or an input that acts on it alone */
@@ -42,7 +42,7 @@ typedef struct tl_finding {
     tl_finding_kind kind;
     tl_finding_subject subject;
     uint32_t index;                 /* of the adjusted variable, match or signal */
-    char variable[TL_FINDING_NAME]; /* OUTPUT and SIGNAL: of the plant, without "plant." */
+    char variable[TL_FINDING_NAME]; /* name; OUTPUT, SIGNAL: of the plant's signal, without "plant." */
     char says[TL_CONFIG_WORDS];     /* the user's words for the variable; "": none */
     char unit[TL_FINDING_UNIT];     /* "": none */
     bool is_gone;                   /* the variable is normal again */
@@ -53,7 +53,7 @@ typedef struct tl_finding {
     double percent; /* size in percent of the mean û or ŷ since the onset; NaN: that mean is about 0 */
     tl_finding_cause cause;
     bool is_decided;               /* `cause` is final */
-    char sensor[TL_FINDING_NAME];  /* SENSOR: signal of the plant, without "plant." */
+    char sensor[TL_FINDING_NAME];  /* if the cause is SENSOR: name of its signal, without "plant." */
     uint64_t corrections, outputs; /* bit i: adjusted variable i, or output i, has changed */
 } tl_finding;
 

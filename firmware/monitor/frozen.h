@@ -1,7 +1,7 @@
 /* Frozen sensors: finds matched signals whose readings do not change any more.
  *
- * Purpose: a sensor that repeats its last value looks good, and a twin locked to it looks locked.
- *          Such a signal gets the quality TL_FROZEN, so it is not matched.
+ * Purpose: the readings of a frozen sensor have good quality, and a twin that follows them is in
+ *          lock. Such a signal gets the quality TL_FROZEN, so it is not matched.
  * Run:     good readings in a row with one value. A run is suspicious if it has TL_FROZEN_LEAST
  *          readings, if the value has changed TL_FROZEN_LEAST times before, and if the run lasts
  *          longer than TL_FROZEN_LONGER times the longest run so far. A suspicious run is frozen if
@@ -17,7 +17,8 @@
  *          R to 2.75 R.
  * Longest: two kinds of runs do not count as the longest run: frozen ones, and those in which
  *          releases were compared and the plant was at rest.
- * Ends:    with the first reading that has another value. Samples of earlier instants stay marked.
+ * Ends:    with the first reading that has another value. Samples of instants before it keep the
+ *          quality TL_FROZEN.
  * Limits:  only Reals with a weight. Without released twins or lock, nothing is found. False
  *          alarms: a plant that is blocked, if its reading has no noise; and a plant at rest, if a
  *          standing correction makes a state of the model run away.

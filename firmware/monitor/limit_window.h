@@ -3,7 +3,7 @@
  * Window: the newest known values, for the time `lasts` of the alarm, in at most 16 parts. There is
  *         a result at the end of each part.
  * Rule:   the correction is outside if the mean of the window and the means of at least half of its
- *         parts are outside. So a single step, however large, is not enough. It is within if the
+ *         parts are outside. So one extreme value is not enough. The correction is within if the
  *         mean of the window and the means of at least half of its parts are within.
  * Memory: plain data of the caller; zeroed: the window is empty.
  * Thread: one at a time.
@@ -18,7 +18,7 @@
 enum { TL_LIMIT_PARTS = 16 };
 
 typedef enum tl_limit_side {
-    TL_LIMIT_UNKNOWN, /* the window is not full, the part is not complete, or neither within nor outside */
+    TL_LIMIT_UNKNOWN, /* the window is not full, the part is not complete, or neither rule applies */
     TL_LIMIT_WITHIN,
     TL_LIMIT_OUTSIDE
 } tl_limit_side;
@@ -30,7 +30,7 @@ typedef struct tl_limit_window {
     double mean[TL_LIMIT_PARTS];       /* part n lies at n % TL_LIMIT_PARTS */
     int64_t first[TL_LIMIT_PARTS + 1]; /* first step of each part; the last: of the present part */
     /* results, after TL_LIMIT_OUTSIDE: */
-    int64_t onset;  /* first step of the newest parts in a row that are outside; none: of the window */
+    int64_t onset;  /* first step of the unbroken row of newest parts outside; if there is none, of the window */
     int64_t spread; /* uncertainty of the onset: half the steps of a part, ≥ 1 */
     double size;    /* mean since the onset */
     double whole;   /* mean of the window */

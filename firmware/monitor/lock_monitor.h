@@ -70,8 +70,8 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
 
 enum { TL_RELEASE_SURE = 4, TL_RELEASE_BACK = 2 };
 
-/* WORSE: report that the corrections do harm. BETTER: they do not any more. ENDS: the twin at rest
- * has left the plant, and u is searched again. */
+/* WORSE: report that the corrections do harm. BETTER: clear this report. ENDS: the twin at rest is
+ * too far from the plant, so the rest ends and u is searched again. */
 typedef enum tl_release_turn {
     TL_RELEASE_AS_BEFORE,
     TL_RELEASE_WORSE,
@@ -97,7 +97,7 @@ typedef struct tl_release_check {
     double mean;          /* mean Δu of this variable */
     bool is_off;          /* the released twin is off */
     bool has_excess;      /* a mean Δu differs from the approved correction */
-    bool is_corrected;    /* one of both is true, or was a short time ago (see Corrected below) */
+    bool is_corrected;    /* is_off or has_excess is true, or was a short time ago (see Corrected below) */
     int64_t since;        /* first step of the block in which is_corrected became true */
     int64_t corrected_at; /* the last step with is_off, has_excess, or u at a bound */
     int64_t last_step;
@@ -123,14 +123,14 @@ typedef struct tl_release_check {
  *             longer. The state is updated at the end of each part. With an event horizon, strokes
  *             (event_horizon.h) whose search has ended count instead of steps. A part is then one
  *             stroke, and three strokes give the first state.
- * Runaway:    one such step in the window makes the state `lost`: its error is at least 1e9
- *             tolerances, or the J of its search is not finite. An output that is not finite is not
- *             compared.
+ * Runaway:    a step whose error is at least 1e9 tolerances, or whose search has a J that is not
+ *             finite. One such step in the window makes the state `lost`. An output that is not
+ *             finite is not compared.
  * Astray:     a lost twin that a reset may help. Two conditions must hold, each in at least a
- *             quarter of the steps of the window and of its newest part. First, the twin is ten
- *             tolerances off. Second, an output has moved that far in one step, and at least three
- *             times as far as its measurement moves. A plant that is sampled fast enough does not
- *             jump like this, and its model only if it is unstable. A twin with a large steady
+ *             quarter of the steps of the window and of its newest part. First, the error is at
+ *             least ten tolerances. Second, an output has moved that far in one step, and at least
+ *             three times as far as its measurement moves. A plant that is sampled fast enough does
+ *             not jump like this, and its model only if it is unstable. A twin with a large steady
  *             error is not astray: a reset would lose its state without improving the model.
  * Limits:     each state has one limit to enter it and another one to leave it, so that the monitor
  *             does not oscillate between two states.
@@ -214,7 +214,7 @@ typedef struct tl_lock_monitor {
 /* Length of a run until the first state is known. */
 typedef struct tl_lock_window {
     uint32_t strokes; /* event horizon: number of ended strokes; 0: steps count */
-    tl_time time;     /* ns; with strokes: the longest possible duration of so many, without the time between them */
+    tl_time time;     /* ns; with strokes: their longest possible duration, without the pauses between them */
 } tl_lock_window;
 
 tl_lock_window tl_lock_monitor_window(const tl_config *config);

@@ -17,14 +17,15 @@
 /* ---- Proposes `between`, `condition` and `tolerance` of each match and `between` of each input,
  * each with its reason.
  *
- * Line:      interpolation between two readings, if more than 5 % of the intervals between readings
- *            exceed a step: else the step would be matched with an older reading.
- * Low-pass: if it reduces the mean square error of the readings (survey.h) to less than 60 %. The
- *            proposal is the shortest low-pass that is nearly as good as the best one: with a
- *            longer low-pass, a step waits longer.
- * Gate:      if there are at least two outliers, and nearly all of them are further off than the
- *            plant moves between two readings. The gate is the geometric mean of both distances. If
- *            some outliers are nearer, a median of 5 is proposed instead.
+ * Line:      interpolation between two readings is proposed if more than 5 % of the intervals
+ *            between readings exceed a step. Otherwise a step would be matched with an older
+ *            reading.
+ * Low-pass:  proposed if it reduces the mean square error of the readings (survey.h) to less than
+ *            60 %. The proposal is the shortest low-pass that is nearly as good as the best one,
+ *            because a step waits longer with a longer low-pass.
+ * Gate:      proposed if there are at least two outliers, and nearly all of them are further off
+ *            than the plant moves between two readings. The gate is the geometric mean of both
+ *            distances. If some outliers are nearer, a median of 5 is proposed instead.
  * Tolerance: 3 σ, or the configured one if that is 3 to 6 σ. If the plant is at rest in the whole
  *            recording, both limits are doubled.
  * Input:     the mean over a step, if the input moves by more than twice its noise between two
@@ -68,9 +69,8 @@ void tl_proposal_make(const tl_config *config, const tl_survey *survey, tl_propo
 /* ---- Output of survey and proposal, for a person or a program.
  *
  * Purpose: the page of `check --recording`, and its JSON (config/SPEC.md). Both contain the
- * proposal
- *          in the form of the configuration. On the page, keys to be removed are left out. In the
- *          JSON the proposal is a merge patch (RFC 7396), in which null removes a key.
+ *          proposal in the form of the configuration. On the page, keys to be removed are left out.
+ *          In the JSON the proposal is a merge patch (RFC 7396), in which null removes a key.
  * Thread:  the caller's.
  */
 

@@ -12,7 +12,7 @@ static const double LEAST_NOISE = 1e-7;
 /* Part of the best fall of χ² from which a candidate is fitted; how many are fitted anyway. */
 static const double PROMISING = 0.2;
 enum { FITTED_LEAST = 8 };
-/* "None": the best one leaves this many times the noise, and this many standard errors more. */
+/* UNEXPLAINED: the best one leaves this many times the noise, and so many standard errors more. */
 static const double MUCH_MORE = 2.0;
 static const double SURELY_MORE = 6.0;
 static const double LONGEST_WAIT = 100.0;
@@ -510,12 +510,12 @@ static void conclude(const scorer *self, tl_score_candidate *candidate, const do
     result->expected = (double)self->counted;
     result->second = result->best;
     if (!any || before - total[result->best] < TL_SCORE_NOTICED) {
-        result->verdict = TL_SCORE_NOTHING;
+        result->verdict = TL_SCORE_NOT_BETTER;
         return;
     }
     double ratio = candidate[result->best].squares / fmax(result->expected, 1.0);
     double doubt = sqrt(2.0 / fmax(result->expected, 1.0) + 2.0 / fmax((double)self->learnt, 1.0));
-    result->verdict = ratio > MUCH_MORE && ratio - 1.0 > SURELY_MORE * doubt ? TL_SCORE_NONE : TL_SCORE_FOUND;
+    result->verdict = ratio > MUCH_MORE && ratio - 1.0 > SURELY_MORE * doubt ? TL_SCORE_UNEXPLAINED : TL_SCORE_FOUND;
     double rival = TL_SCORE_RIVAL * fmax(1.0, ratio);
     for (size_t i = 0; i < count; i++) {
         candidate[i].spread *= sqrt(fmax(1.0, ratio));
@@ -580,7 +580,7 @@ bool tl_score_test_run(const tl_score_test *test, tl_score_candidate *candidate,
     self.is_there = calloc(self.size + 1, sizeof *self.is_there);
     self.is_scored = calloc(count + 1, sizeof *self.is_scored);
     bool done = memory != NULL && self.whitener != NULL && self.is_there != NULL && self.is_scored != NULL;
-    *result = (tl_score_result){.verdict = TL_SCORE_NOTHING};
+    *result = (tl_score_result){.verdict = TL_SCORE_NOT_BETTER};
     if (done) {
         self.steps = memory;
         self.residual = memory + series;

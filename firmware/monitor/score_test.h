@@ -7,8 +7,10 @@
  * Noise:   learnt from the residual before the onset. All series are averaged over blocks, so that
  *          white and slow noise become one autoregressive process of order 4 for each output. Each
  *          output is whitened with its process and divided by its deviation.
- * Model:   the twin's model is never exact. So errors that last for the whole window are projected
- *          out: a constant of each output, and the effect of each candidate from the first step on.
+ * Model:   the twin's model is never exact. An error that lasts for the whole window is not a
+ *          change. So the test projects two kinds of such errors out of all series: a constant
+ *          offset of each output, and the effect of each candidate that acts from the first step
+ *          of the window on.
  * Score:   s is the whitened change of the outputs for a small size, and e the whitened residual.
  *          The size is s·e / s·s, and χ² falls by (s·e)² / s·s. (Rao's test, with the variance from
  *          before the onset.)
@@ -26,7 +28,7 @@
 #include <stddef.h>
 
 #define TL_SCORE_RIVAL 9.21
-#define TL_SCORE_NOTICED 25.0 /* least fall of χ² that counts as a change: five standard deviations */
+#define TL_SCORE_NOTICED 25.0 /* smallest decrease of χ² that counts as a change: five standard deviations */
 
 /* Largest number of blocks of an output, and of candidates that are fitted because of their score.
  */
@@ -43,9 +45,9 @@ typedef struct tl_score_window {
 } tl_score_window;
 
 typedef enum tl_score_verdict {
-    TL_SCORE_NOTHING, /* no candidate explains anything: there is no change, or it is not visible yet */
-    TL_SCORE_FOUND,   /* the candidates of the set explain the residual */
-    TL_SCORE_NONE,    /* no candidate explains it: the best one leaves much more than the noise */
+    TL_SCORE_NOT_BETTER,  /* no candidate predicts noticeably better than "no change" (TL_SCORE_NOTICED) */
+    TL_SCORE_FOUND,       /* the candidates of the set explain the residual */
+    TL_SCORE_UNEXPLAINED, /* the best candidate predicts better, but leaves much more than the noise */
     TL_SCORE_VERDICTS
 } tl_score_verdict;
 
@@ -58,30 +60,30 @@ typedef struct tl_score_candidate {
     /* results */
     bool failed;       /* no prediction, or no output reacts */
     bool fitted;       /* size, spread, onset and squares are valid */
-    bool is_in_set;    /* explains the residual as well as the best one */
+    bool is_in_set;    /* explains the residual as well as the best candidate */
     double size;       /* estimate */
     double spread;     /* standard deviation of `size` */
     double onset;      /* estimated step */
-    double squares;    /* χ² after the onset, if this candidate has acted */
-    double noticeable; /* size that lowers χ² by TL_SCORE_NOTICED in this window; infinity: none does */
-    size_t alike;      /* index of the other candidate whose effect is most similar; own index: none */
+    double squares;    /* χ² of the steps after the onset, with this candidate in the prediction */
+    double noticeable; /* size that lowers χ² by TL_SCORE_NOTICED in this window; infinity: no size does */
+    size_t alike;      /* index of the other candidate with the most similar effect; own index: there is none */
     double likeness;   /* absolute cosine of both effects, 0 … 1 */
 } tl_score_candidate;
 
 typedef struct tl_score_result {
     tl_score_verdict verdict;
-    double squares;      /* χ² after the onset without any change */
-    double expected;     /* χ² of noise alone: number of independent samples after the onset */
-    size_t best;         /* index of the best candidate; undefined if the verdict is TL_SCORE_NOTHING */
+    double squares;      /* χ² of the steps after the onset, without any candidate */
+    double expected;     /* the same for noise alone: number of independent samples after the onset */
+    size_t best;         /* index of the best candidate; undefined if the verdict is TL_SCORE_NOT_BETTER */
     size_t second;       /* index of the second candidate of the set; `best`: there is none */
     size_t apart_output; /* output in which these two differ most */
-    /* A record so many times as long would tell them apart, 1 … 100. 0: not known: there is no
-     * second one, or the factor is outside this range. */
+    /* A recording longer by this factor would distinguish the two, 1 … 100. 0: unknown, because
+     * there is no second candidate, or the factor is outside this range. */
     double apart_factor;
 } tl_score_result;
 
-/* Fills `predicted` (steps · outputs values) with the outputs if a candidate has this size from
- * step `onset` on. Returns false if that is not possible, or because `stop` has returned true. */
+/* Predicts the outputs with a candidate of this size from step `onset` on. Fills `predicted` (steps
+ * · outputs values). Returns false if this is not possible, or if `stop` has returned true. */
 typedef bool tl_score_predict(void *context, size_t candidate, double size, size_t onset, double *predicted);
 
 typedef struct tl_score_test {

@@ -34,7 +34,7 @@ double tl_smoothing_error(const tl_noise_point *points, size_t count, double sig
 
 /* ---- Survey of a recording without any FMU: noise, message intervals, bad readings.
  *
- * Purpose: input of a proposal (proposal.h). Each reading is used once, as it came
+ * Purpose: input of a proposal (proposal.h). Each reading is used once, before any conditioning
  *          (tl_recording_listen()). A reading is good if it is finite and within the signal's `min`
  *          and `max`.
  * Noise:   estimated twice with monitor/noise.h: the first estimate gives the outlier limit of the
@@ -48,7 +48,7 @@ enum {
     TL_SURVEY_MOST = 200000, /* good readings of a signal that are used */
     TL_SURVEY_LEAST =
         TL_NOISE_LEAST + TL_NOISE_WINDOW + TL_NOISE_AROUND, /* good readings that a noise estimate needs */
-    TL_SURVEY_SWITCH = 3                                    /* a signal with at most so many values is a switch */
+    TL_SURVEY_SWITCH = 3 /* a signal with at most this number of values is a switch */
 };
 
 typedef struct tl_survey_signal {

@@ -22,11 +22,11 @@
 #include "master/base/signal.h"
 
 /* How a signal is looked up in a sample of the instant t.
- * Next: counts if there is no reading at t − back. True: the next reading after t − back is used if
- *       it has come by t; else the newest one before. False: the newest one before is used; if
- *       there is none, the next one after.
- * Shows: true: the result is the newest reading of signal `shown`, before conditioning. If readings
- *        were rejected since the last tick, the result is the last of these, as TL_OUTLIER. */
+ * next:  matters only if no reading has the stamp t − back. If true, the look-up uses the next
+ *        reading after t − back; if that has not come by t, the newest one before. If false, it
+ *        uses the newest one before; if there is none, the next one after.
+ * shows: if true, the result is the newest reading of signal `shown`, before conditioning. If
+ *        readings were rejected since the last tick, it is the last of these, as TL_OUTLIER. */
 typedef struct tl_plant_lookup {
     tl_time back;       /* ns, ≥ 0: looked up at t − back */
     bool next;          /* prefers the next reading, as described above */

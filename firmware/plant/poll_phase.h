@@ -6,10 +6,11 @@
  *          a multiple of T_S, a poll ends before each tick, or before every n-th. The *lead* is the
  *          time from the start of a poll to its instant. It is computed after each window of 2, 4,
  *          8 … 512 polls from the durations of these polls. It is 0.2 ms longer than the duration d
- *          that minimises d + 3·period·(share of longer durations): a poll that ends late costs a
- *          whole period. A duration counts from the planned start, so it includes a late wake-up. A
- *          poll that is longer than the period is not counted, because no lead makes it end in
- *          time.
+ *          that minimises d + 3·period·(share of longer durations). d makes each value older. A
+ *          poll longer than d ends late, so the tick uses a value that is one period older. This
+ *          delay has the weight 3, so that late polls are rare. A duration counts from the planned
+ *          start, so it includes a late wake-up. A poll that is longer than the period is not
+ *          counted, because no lead makes it end in time.
  * Rate:    at most one poll per instant. Instants missed during a slow poll are skipped.
  * Thread:  pure functions; plain data of the thread of the source.
  */

@@ -123,8 +123,8 @@ tl_recording_keep tl_recording_get_keep(const tl_recording *recording);
 tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error);
 
 /* Sets a callback that is called once for each reading while ticks are read. A CSV file delivers
- * all readings. A database delivers at most one per tick and signal; for a signal that fed an input
- * on a line, it delivers the interpolated values. */
+ * all readings. A database delivers at most one per tick and signal. If an input used interpolated
+ * values of a signal ("between": "line"), the database delivers these. */
 void tl_recording_listen(tl_recording *recording, tl_recording_on_reading *on_event, void *context);
 
 /* Returns the number of ticks from tick 0 to the end of the recording, to show progress. */

@@ -30,7 +30,7 @@ typedef enum tl_block_writer {
     TL_BLOCK_WE_WRITE,   /* the maker, while it has the block open; the receiver reads */
     TL_BLOCK_THEY_WRITE, /* the receiver; the maker could too, but must not */
     TL_BLOCK_SPARSE,     /* only for the maker: a receiver writes; each page takes memory at its first access */
-    TL_BLOCK_IS_WRITTEN  /* no process any more: made by tl_block_make_of() */
+    TL_BLOCK_IS_WRITTEN  /* no process: the content is final (tl_block_make_of()) */
 } tl_block_writer;
 
 /* Zeroed: no block. */

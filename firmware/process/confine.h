@@ -9,7 +9,7 @@
  *          separate user.
  * Missing: features that the kernel lacks are reported by tl_confine_describe() and are no error.
  *          So the program also runs in an emulator, in a container and on an old kernel.
- * Left open, because no kernel feature covers it: an FMU can see names, sizes and dates of all
+ * Not prevented, because no kernel feature covers it: an FMU can see names, sizes and dates of all
  * files (Landlock controls reading, not stat()). It can use all processor time, and read the listed
  * folders. It can fill the disk with removed but still open files, up to the limits of file size
  * and of bounds.h.

@@ -5,8 +5,8 @@
  *          FMU, the function, and the duration.
  * Limits:  `limit` for each call of the verbs check, replay and plant, whose FMUs run in a
  *          separate, monitored process. With the verb run, the supervisor limits the calls instead.
- *          After a request to end, a call may last TL_FMU_CALL_TIMEOUT_END more. A second request,
- *          at least one second after the first, ends the process at once.
+ *          After a request to end, a call may last for another TL_FMU_CALL_TIMEOUT_END. A second
+ *          request, at least one second after the first, ends the process at once.
  * Clock:   adds up the times between checks. Each counts at most one second, so that a stopped or
  *          suspended process does not time out.
  * Thread:  the main thread, which checks several times a second while another thread calls FMUs.

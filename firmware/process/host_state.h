@@ -43,13 +43,13 @@ static inline void tl_fp_control_set(uint64_t control) {
     __asm__ volatile("fnclex\n\tfldcw %0" : : "m"(x87));
 }
 
-/* Checks the control bits. `control`: the saved bits, which must have round-to-nearest and
- * denormals. Does not read the SSE bits, because on some processors that takes longer than a step
- * of a small FMU. Instead, four additions in one instruction detect another rounding mode and
- * flushed denormals. If they and the x87 control word show no difference, writes the SSE bits of
- * *control and returns true. Writing takes a tenth of the time of reading. It disables traps that
- * an FMU has enabled, and clears the SSE exception flags. Otherwise returns false and does not
- * write the SSE bits. */
+/* Checks whether the control bits are still those of *control. In *control, the rounding mode must
+ * be round-to-nearest, and denormals must not be flushed. Does not read the SSE bits, because on
+ * some processors that takes longer than a step of a small FMU. Instead, four additions in one
+ * instruction detect another rounding mode and flushed denormals. If they and the x87 control word
+ * show no difference, writes the SSE bits of *control and returns true. Writing takes a tenth of
+ * the time of reading. It disables traps that an FMU has enabled, and clears the SSE exception
+ * flags. Otherwise returns false and does not write the SSE bits. */
 static inline bool tl_fp_control_check(const uint64_t *control) {
     static const float values[4] __attribute__((aligned(16))) = {1.0F, 1.0F, FLT_MIN / 4.0F, FLT_MIN / 4.0F};
     static const float added[4] __attribute__((aligned(16))) = {1e-30F, -1e-30F, 0.0F, 0.0F};
@@ -120,9 +120,10 @@ static inline bool tl_fp_control_check(const uint64_t *control) {
  *          state that was saved before an FMU was called.
  * Covers:  of the thread: floating-point control bits, locale, signal mask, scheduling, processors
  *          and timer slack. Of the process: locale (except LC_CTYPE), the signal handlers of the
- *          program, current folder, umask and limits. Without privileges, a lowered hard limit
- *          stays lowered and is reported once. Other changes that the kernel does not undo, such as
- *          a processor that was switched off, are accepted and not reported.
+ *          program, current folder, umask and limits. Without privileges, a hard limit that an FMU
+ *          has lowered stays lowered; this is reported once. Scheduling, processors or timer slack
+ *          stay changed without a report if the kernel does not restore them, for example because
+ *          a processor was switched off.
  * Ignores: handlers of all other signals, timers, environment, open files.
  * Thread:  the FMU thread. tl_host_state_handle() may only be called while no FMU is being called.
  */
@@ -141,8 +142,8 @@ typedef enum tl_host_change {
     TL_HOST_LIMITS = 512
 } tl_host_change;
 
-/* Number of these kinds; bytes of a text with its end mark; calls of tl_host_state_restore_part()
- * that restore all. */
+/* Number of these kinds; size of a text in bytes, with its final zero; number of calls of
+ * tl_host_state_restore_part() after which all parts are restored. */
 enum { TL_HOST_CHANGES = 10, TL_HOST_CHANGE_TEXT = 256, TL_HOST_STATE_TURNS = 16 };
 
 /* Saves the current state for tl_host_state_restore(). Call it in the FMU thread, before the first

@@ -3,8 +3,8 @@
  * Purpose: shows how fresh the values are: p50 and p99 of the time from a reading to its tick.
  * Counted: good readings of devices that the cycle uses unchanged and at once, each reading once.
  *          Not counted are values that are interpolated (key `between`), filtered (`condition`) or
- *          delayed, because they are older by intention. Of such a signal the unchanged readings
- *          are counted, which are a signal of their own: NAME@reading (config.h).
+ *          delayed, because they are older by intention. The configuration (config.h) adds a signal
+ *          NAME@reading with the unchanged readings of NAME. These are counted instead.
  * Bins:    16 in each doubling of the age, from 16 µs to 69 s, so a percentile is at most 1/16 too
  *          large; bins of 1 µs below. Older values count as 69 s.
  * Trust:   tl_ages_percentile() neither overflows nor reads outside, whatever the structure

@@ -24,7 +24,7 @@ typedef struct tl_show_request {
     tl_history *history;       /* the open database; the caller owns it */
     const tl_history_run *run; /* the selected run */
     int64_t from_step;         /* earlier steps and ticks are left out */
-    bool is_newest;            /* earlier steps are left out only because there are too many */
+    bool is_newest;            /* from_step was not requested: earlier steps are left out to limit their number */
     char from_at[TL_UTC_TEXT]; /* UTC; earlier events are left out; "": all events */
     bool all_events;           /* text and JSON: all events; else only the newest 10 */
     bool verbose;              /* the text has outcomes, executions and MSEs too */
@@ -56,9 +56,9 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
  * the database, TL_TRY_AGAIN if memory is out, and those of tl_new_file_open() (os.h). */
 tl_status tl_show_report(const tl_show_request *request, const char *path, tl_error *error);
 
-/* Output of callbacks of tl_history_visitor: kept in memory until they pause. Else a pager that
- * does not read would block the callbacks within a transaction, and the recorder could not write
- * its log back. */
+/* Buffers what the callbacks of tl_history_visitor print. The caller writes it to `to` between two
+ * transactions. Otherwise a pager that does not read would block a callback within a transaction.
+ * Then the recorder could not write its log back. */
 typedef struct tl_show_output {
     FILE *file; /* for the callbacks */
     FILE *to;

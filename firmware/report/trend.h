@@ -1,8 +1,9 @@
 /* Trend: course of the corrections over all live runs of a database, from its minutes or hours.
  *
- * Purpose: shows when a correction has changed, also after the steps themselves were removed.
- * Parts:   the time is divided into at most TL_TREND_PARTS equal parts: of whole minutes if the
- *          minutes reach back to the first hour, else of whole hours.
+ * Purpose: shows when a correction has changed, even after the steps were deleted from the
+ *          database.
+ * Parts:   the time is divided into at most TL_TREND_PARTS equal parts. They consist of whole
+ *          minutes if the database still has the minutes of the first hour, else of whole hours.
  * Errors:  those of history.h.
  * Thread:  one thread.
  */

@@ -74,7 +74,7 @@ bool tl_explanation_is_sound(tl_explanation *explanation, size_t outputs) {
     size_t count = explanation->count;
     bool has_best = count > 0 && result->best < count && result->second < count;
     bool is_sound = count <= TL_EXPLANATION_MOST && (unsigned)result->verdict < TL_SCORE_VERDICTS &&
-                    (has_best || (count == 0 && result->verdict == TL_SCORE_NOTHING)) &&
+                    (has_best || (count == 0 && result->verdict == TL_SCORE_NOT_BETTER)) &&
                     result->apart_output < outputs && 0 <= window->mark && window->mark <= window->learn &&
                     window->learn <= window->onset && window->onset <= window->end && window->end < INT64_MAX / 4;
     for (size_t i = 0; i < count && is_sound; i++) {

@@ -175,7 +175,7 @@ typedef struct tl_plan_output {
     const char *variable; /* "component.variable" */
 } tl_plan_output;
 
-/* Pairing: which measurements a step uses (docs/decisions/README.md, time and pairing). */
+/* Pairing: which measurements a step uses (docs/decisions/009-time-and-pairing.md). */
 typedef enum tl_pairing {
     TL_LAG,   /* step i → i+1 is computed at t_(i+T_P), with all measurements of its horizon */
     TL_AHEAD, /* step i → i+1 is computed at t_i; the newest measurement is used in place of later ones */

@@ -5,9 +5,8 @@
  *          and the ticks of the plant's samples, but neither caches nor outputs. It predicts that
  *          component k executes horizon step j if j < Γ_k. Exception: an earlier candidate had the
  *          same values in every u and sample that can have reached k by then, and k keeps its
- *          results (not TL_KEEP_NONE). The counted number is
- *          the same if different inputs always give different outputs; see
- *          docs/decisions/README.md, fewest executions.
+ *          results (not TL_KEEP_NONE). The counted number is the same if different inputs always
+ *          give different outputs; see docs/decisions/013-fewest-executions.md.
  * When:    a search only records its candidates. They are compared when the step is committed and
  *          its duration is measured, so the prediction takes no time of the search.
  * Limits:  the cache counts repeated executions (TL_KEEP_OUTPUTS, or a full cache); the ledger does

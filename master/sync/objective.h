@@ -5,11 +5,11 @@
  *          √weight·√(2·huber·|d| − huber²) with the sign of d. A penalty is √factor·(u − û)/step or
  *          √factor·(u − u of the step before)/step. J < 1 means "within tolerance" at one sample. A
  *          ŷ that is not good has weight 0.
- * Unseen:  an unknown is unseen if there is no measurement at the sample where it first has an
- *          effect. An example is a sample between two messages of the plant. A dynamic horizon then
- *          shows only the sum of several unknowns, and they may oscillate against each other. An
- *          unseen unknown is damped by the residual √TL_UNSEEN_RATE·(u − u of the step
- *          before)/step, unless its rate penalty is larger.
+ * Unseen:  an unknown is a u of one macro step. It is unseen if there is no measurement at the
+ *          sample where it first has an effect, for example between two messages of the plant. Then
+ *          the measurements of a dynamic horizon depend only on the sum of several unknowns, which
+ *          may oscillate against each other. An unseen unknown is damped by the residual
+ *          √TL_UNSEEN_RATE·(u − u of the step before)/step, unless its rate penalty is larger.
  * NaN:     an output that is not finite makes J of its candidate NaN. If u is not the cause,
  *          tl_objective_leave_out() gives this output weight 0 in this step, as for a ŷ that is not
  *          good.
@@ -46,7 +46,7 @@ typedef struct tl_objective_penalty {
     double step;
 } tl_objective_penalty;
 
-/* Rate penalty of unseen unknowns. A test with a tenth of it and T_P = 6 was not damped enough. */
+/* Rate penalty of unseen unknowns. In a test with T_P = 6, a tenth of it damped them too little. */
 #define TL_UNSEEN_RATE 1e-2
 
 /* One matched output at one horizon sample, prepared for the step. */

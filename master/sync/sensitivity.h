@@ -47,15 +47,16 @@ bool tl_sensitivity_init(tl_sensitivity *sensitivity, tl_arena *arena, const tl_
 void tl_sensitivity_probe(tl_sensitivity *sensitivity, int64_t i, const double *u, const double *other,
                           const double *residuals, const double *other_residuals);
 
-/* Tests the columns after the search of step i. `slope`: of the solver, as in `slope`; NULL: the
- * columns measured in this step or shortly before. A variable is unseen if its effect is below
- * `floor`, in tolerances. */
+/* Tests the columns after the search of step i. `slope`: from the solver, in the layout of the
+ * field `slope`; NULL: uses the columns measured in this step or shortly before. A variable is
+ * unseen if its effect is below `floor`, in tolerances. */
 void tl_sensitivity_test(tl_sensitivity *sensitivity, int64_t i, const double *slope, double floor);
 
 /* Bits of the variables to which no output reacts. */
 uint32_t tl_sensitivity_unseen(const tl_sensitivity *sensitivity);
 
-/* Bits of the variables of one group with parallel effects; 0: none. *since: first step of that. */
+/* Bits of the variables of one group with parallel effects; 0: none. *since: step of the first test
+ * in a row that found them. */
 uint32_t tl_sensitivity_alike(const tl_sensitivity *sensitivity, int64_t *since);
 
 /* Drops all columns and results. */

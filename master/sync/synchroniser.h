@@ -5,11 +5,12 @@
  *          committed, unless an FMU fails with nominal u too. Its u is nominal if no candidate is
  *          better. The search is planned to end within the budget.
  * Time:    the cost of a candidate is predicted before it starts: from the executions that the
- *          graph demands, their measured durations, and the overhead beside them. It is predicted
- *          again if a macro step takes far longer. Time is reserved for the solver after it, for
- *          the committed step, and for the evaluation of nominal if it is not done yet. A candidate
- *          that is slower than predicted is aborted between two macro steps. The clock is read once
- *          per macro step, once per evaluation, and a few times per step.
+ *          graph demands, their measured durations, and their overhead. It is predicted again if a
+ *          macro step takes far longer than predicted. Time is reserved for three things: for the
+ *          solver after the candidate, for the committed step, and for the evaluation of nominal if
+ *          it is not done yet. A candidate that is slower than predicted is aborted between two
+ *          macro steps. The clock is read once per macro step, once per evaluation, and a few times
+ *          per step.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_SYNCHRONISER_H

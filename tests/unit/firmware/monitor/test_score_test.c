@@ -184,7 +184,7 @@ static int count_false(double off) {
         simulate(off, 0, truth);
         add_noise();
         TEST_ASSERT_TRUE(run_with(TWIN, 20.0));
-        found += result.verdict != TL_SCORE_NOTHING ? 1 : 0;
+        found += result.verdict != TL_SCORE_NOT_BETTER ? 1 : 0;
     }
     return found;
 }
