@@ -288,7 +288,6 @@ struct tl_recorder_database {
     unsigned writings_back; /* how often the log was written back */
 };
 
-/* A value for a column. */
 typedef struct cell {
     enum { NONE, WHOLE, NUMBER, TEXT } type;
     int64_t whole;
@@ -311,12 +310,10 @@ static cell cell_count(uint64_t count) {
     return cell_whole(count > TL_ROW_NUMBER_MAX ? TL_ROW_NUMBER_MAX : (int64_t)count);
 }
 
-/* Infinite and NaN values are written as NULL. */
 static cell cell_number(double value) {
     return (cell){.type = isfinite(value) ? NUMBER : NONE, .number = value};
 }
 
-/* NULL becomes an SQL NULL. */
 static cell cell_text(const char *value) {
     return (cell){.type = value == NULL ? NONE : TEXT, .text = value};
 }
@@ -470,7 +467,6 @@ static int change_all(tl_recorder_database *database, statement first, statement
     return code;
 }
 
-/* Removes a run of which nothing is left. */
 static int remove_unused_run(tl_recorder_database *database, bool *removed) {
     int64_t run = 0;
     int code = query_number(database, UNUSED_RUN, database->run, 0, &run);
@@ -646,7 +642,6 @@ static int write_names(tl_recorder_database *database) {
     return code;
 }
 
-/* The last tick that a run with this step can have. */
 static int64_t last_tick(const tl_recorder_database *database) {
     return TL_ROW_NUMBER_MAX / database->settings->step;
 }
