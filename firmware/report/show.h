@@ -72,7 +72,8 @@ tl_status tl_show_output_open(tl_show_output *output, FILE *to, tl_error *error)
 /* Writes everything to `to`; may block. */
 void tl_show_output_write(tl_show_output *output);
 
-void tl_show_output_close(tl_show_output *output);
+/* Writes the rest. Returns `status`; if it is TL_OK and memory was out, TL_TRY_AGAIN. */
+tl_status tl_show_output_close(tl_show_output *output, tl_status status, tl_error *error);
 
 /* Returns true if the run is no replay. Only then its steps have calendar times. */
 bool tl_show_is_live(const tl_history_run *run);

@@ -265,13 +265,15 @@ tl_status tl_show_output_open(tl_show_output *output, FILE *to, tl_error *error)
 void tl_show_output_write(tl_show_output *output) {
     (void)fflush(output->file);
     (void)fwrite(output->text, 1, output->size, output->to);
-    rewind(output->file);
+    (void)fseek(output->file, 0, SEEK_SET); /* rewind() would clear an error */
 }
 
-void tl_show_output_close(tl_show_output *output) {
+tl_status tl_show_output_close(tl_show_output *output, tl_status status, tl_error *error) {
     tl_show_output_write(output);
+    bool is_complete = ferror(output->file) == 0;
     (void)fclose(output->file);
     free(output->text);
+    return status == TL_OK && !is_complete ? tl_fail(error, TL_TRY_AGAIN, "not enough memory") : status;
 }
 
 static void write_lines(void *context) {
@@ -365,7 +367,7 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
     if (status == TL_OK) {
         line.file = line.output.file;
         status = print_table(&line, table, error);
-        tl_show_output_close(&line.output);
+        status = tl_show_output_close(&line.output, status, error);
     }
     return status;
 }

@@ -525,7 +525,7 @@ static tl_status print_events(show_page *page, tl_error *error) {
     if (status == TL_OK) {
         status = tl_history_events(request->history, request->run, request->from_at,
                                    request->all_events ? -1 : EVENTS_SHOWN, &visitor, error);
-        tl_show_output_close(&events.output);
+        status = tl_show_output_close(&events.output, status, error);
     }
     return status;
 }

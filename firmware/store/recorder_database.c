@@ -318,7 +318,6 @@ static cell cell_text(const char *value) {
     return (cell){.type = value == NULL ? NONE : TEXT, .text = value};
 }
 
-/* Replaces bytes that are not UTF-8 by "?". */
 static void repair_text(char *text) {
     for (size_t frames = strlen(text); frames > 0;) {
         uint32_t code = 0;
