@@ -143,7 +143,9 @@ def check_rows(path, run=1):
         expect([row[0] for row in rows] == list(range(len(steps))),
                f"{table} has {len(rows)} rows, steps {len(steps)}")
     ticks = query(path, "SELECT DISTINCT tick FROM samples own WHERE own.run = ? ORDER BY tick", run)
-    expect([row[0] for row in ticks] == list(range(len(ticks))), "ticks are missing in samples")
+    holes = [(before, after) for (before,), (after,) in zip([(-1,), *ticks], ticks) if after != before + 1]
+    expect(not holes, f"ticks are missing in samples of run {run}, {len(steps)} steps: between {holes[:5]}; runs and entries lost: "
+           f"{query(path, 'SELECT run, verb, steps_written, samples_written, entries_lost FROM runs')}")
     for value in "applied", "nominal", "simulated", "measured":
         table = "adjustments" if value in ("applied", "nominal") else "outputs"
         bad = number(path, f"SELECT count(*) FROM {table} WHERE run = ? AND typeof({value}) <> 'real'", run)

@@ -37,8 +37,8 @@ def need_rig():
 
 
 class Late(Exception):
-    """A box that recorded nothing in time, because the machine was busy. Such a cut does not
-    count."""
+    """A box that recorded nothing in time, or reported that it could not record everything, because
+    the machine was busy. Such a cut does not count."""
 
 
 def configuration(port, version):
@@ -199,6 +199,9 @@ def check_database(files, told, folder, most_missing):
     """Checks the database and its replay. Returns (missing samples, steps)."""
     database = files / "twin.db"
     check_committed(database, told)
+    lost = number(database, "SELECT sum(entries_lost) FROM runs")
+    if lost > 0:
+        raise Late(f"{lost} entries came faster than the recorder could write them")
     missing = told["served"] - number(database, COUNTED, GOOD)
     expect(missing <= most_missing, f"{missing} samples are missing")
     run = number(database, "SELECT min(run) FROM runs WHERE verb = 'run'")
