@@ -281,7 +281,11 @@ double tl_show_now(const tl_history_run *run, const tl_history_finding *finding)
 void tl_show_changes_of_run(const tl_show_changes *all, int64_t run, tl_run_finding rows[TL_SHOW_FINDINGS],
                             tl_run_changes *changes) {
     *changes = (tl_run_changes){.detection = all->detection, .finding = rows};
-    for (size_t i = 0; i < all->count && changes->count < TL_SHOW_FINDINGS; i++) {
+    size_t first = all->count; /* of the newest TL_SHOW_FINDINGS */
+    for (size_t own = 0; first > 0 && own < TL_SHOW_FINDINGS; first--) {
+        own += all->finding[first - 1].run == run ? 1 : 0;
+    }
+    for (size_t i = first; i < all->count; i++) {
         if (all->finding[i].run == run) {
             changes->started = all->finding[i].started;
             rows[changes->count++] = all->finding[i].row;

@@ -14,6 +14,7 @@
 
 #include "firmware/base/text.h"
 #include "firmware/cli/command_line.h"
+#include "firmware/report/show.h"
 #include "firmware/store/recorder.h"
 #include "tests/support/kept_file.h"
 #include "tests/support/made_run.h"
@@ -793,6 +794,27 @@ static void test_a_run_that_is_being_written(void) {
 
 /* ---- Text ---- */
 
+/* The newest ones of this run, in their order. */
+static void test_more_findings_than_are_shown(void) {
+    static tl_history_finding findings[3 * TL_SHOW_FINDINGS];
+    static tl_run_finding rows[TL_SHOW_FINDINGS];
+    const size_t count = sizeof findings / sizeof findings[0];
+    tl_run_changes changes;
+    for (size_t i = 0; i < count; i++) {
+        findings[i] = (tl_history_finding){.row = {.number = (int64_t)i + 1}, .run = i % 2 == 0 ? 1 : 2, .started = 5};
+    }
+    const tl_show_changes all = {.finding = findings, .count = count};
+    tl_show_changes_of_run(&all, 2, rows, &changes);
+    TEST_ASSERT_EQUAL_size_t(TL_SHOW_FINDINGS, changes.count);
+    TEST_ASSERT_EQUAL_INT64(count, rows[TL_SHOW_FINDINGS - 1].number);
+    TEST_ASSERT_EQUAL_INT64(count - 2 * (TL_SHOW_FINDINGS - 1), rows[0].number);
+    tl_show_changes_of_run(&(tl_show_changes){.finding = findings, .count = 5}, 1, rows, &changes);
+    TEST_ASSERT_EQUAL_size_t(3, changes.count);
+    TEST_ASSERT_EQUAL_INT64(1, rows[0].number);
+    tl_show_changes_of_run(&all, 3, rows, &changes);
+    TEST_ASSERT_EQUAL_size_t(0, changes.count);
+}
+
 static void test_durations_and_sizes(void) {
     static const struct {
         double seconds;
@@ -872,6 +894,7 @@ int main(void) {
     RUN_TEST(test_damaged_pages_are_named);
     RUN_TEST(test_nonsense_is_damage);
     RUN_TEST(test_a_run_that_is_being_written);
+    RUN_TEST(test_more_findings_than_are_shown);
     RUN_TEST(test_durations_and_sizes);
     RUN_TEST(test_curves);
     tl_kept_file_free(&known_run);
