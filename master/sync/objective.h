@@ -3,8 +3,8 @@
  * Purpose: J = Σ residuals² (eq. 4.3). A residual is √weight·(y − ŷ)/tolerance at one
  *          horizon sample, from the output's own T_D to T_P. Beyond `huber` tolerances it is
  *          √weight·√(2·huber·|d| − huber²) with the sign of d. A penalty is √factor·(u − û)/step or
- *          √factor·(u − u of the step before)/step. J < 1 means "within tolerance" at one sample. A
- *          ŷ that is not good has weight 0.
+ *          √factor·(u − u of the step before)/step. J < 1 counts as "within tolerance". A ŷ that is
+ *          not good has weight 0.
  * Unseen:  an unknown is a u of one macro step. It is unseen if there is no measurement at the
  *          sample where it first has an effect, for example between two messages of the plant. Then
  *          the measurements of a dynamic horizon depend only on the sum of several unknowns, which

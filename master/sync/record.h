@@ -92,7 +92,7 @@ typedef struct tl_record_readings {
 typedef struct tl_record_refused {
     uint32_t count;
     uint32_t by_output; /* 0: an FMU failed; 1: an output was not finite */
-    uint32_t index;     /* of this component or matched output, in the order of the plan */
+    uint32_t index;     /* of this component or this matched output, in the order of the plan */
     uint32_t variable;  /* the adjusted variable that was furthest from nominal, in multiples of its `step` */
     double u;           /* value of this variable */
 } tl_record_refused;
