@@ -275,8 +275,8 @@ const char *tl_config_quality_remedy(tl_quality quality);
 void tl_config_use_lookups(tl_config *config);
 
 /* Returns the number of steps after which a prediction no longer depends on the measurements at its
- * start, at least 2. It is twice the longest every_s of a matched signal (default: 5 steps), plus
- * the memory of the conditions. Returns 0 if the free-run check is off. */
+ * start, at least 2. It is twice the longest every_s of the matched signals (5 steps if none has
+ * one), plus the longest memory of a condition. Returns 0 if the free-run check is off. */
 uint32_t tl_config_free_twin_guard(const tl_config *config);
 
 /* Outputs of FMUs by bit number in tl_record.bad_outputs: first those of `match`, then the sources

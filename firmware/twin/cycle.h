@@ -87,7 +87,7 @@ typedef struct tl_cycle_settings {
     tl_heartbeats *beats;          /* NULL: not published */
     const tl_live_tuning *tuning;  /* tunings from another process; NULL: none */
     tl_live_tuning_answer *answer; /* receives the cycle's answer to a tuning; NULL if `tuning` is NULL */
-    tl_cycle_position slot_index;
+    tl_cycle_position slot_index;  /* slot and first role; zeroed: one slot, live twin */
     tl_realtime_missing missing;
     bool unreadable;    /* no other process can load the saved states of these FMUs: save no checkpoint */
     tl_summary resumed; /* of a resumed run: from tl_resume_follow(); else zeros */
@@ -103,8 +103,8 @@ typedef struct tl_cycle_status {
     uint64_t steps;
     uint64_t ticks;
     uint64_t skipped;
-    uint64_t gaps; /* a gap is one or more skipped ticks in a row */
-    uint64_t deadline_misses;
+    uint64_t gaps;            /* a gap is one or more skipped ticks in a row */
+    uint64_t deadline_misses; /* ticks that began in their period T_S and ended after it */
     uint64_t evaluations;
     uint64_t executions;
     uint64_t timed_out;        /* steps whose search was cut short by the time budget */

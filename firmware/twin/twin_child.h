@@ -86,7 +86,7 @@ tl_status tl_twin_child_enqueue(tl_twin_child *child, const tl_recording_tick *t
 void tl_twin_child_push(tl_twin_child *child);
 
 /* Takes the result of the oldest enqueued tick, which must be `tick`. If no result is available
- * yet, sleeps until `wanted` results are, and takes an available one after each 0.1 s. *stopped:
+ * yet, sleeps until `wanted` results are available, but after each 0.1 s one is enough. *stopped:
  * the process has stopped on request and there is no result.
  * Errors: if the step failed: its error, and `result` is filled. If the process announced its end:
  *         the announced error. If it ended otherwise: TL_FMU_FAILED. */
