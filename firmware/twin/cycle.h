@@ -46,8 +46,8 @@ int tl_realtime_lock_memory(void);
  *          time budget of later ticks, so that model time stays plant time. For each it uses the
  *          sample of the skipped instant, and nominal plus the last Δu (a Boolean: the last u),
  *          without a search. Only ticks at which a step was due count: ticks = steps + skipped.
- * Tunings: the cycle checks for a new tuning at the start of each tick. It applies from the next
- *          tick that is computed, which may be a skipped one. If the record queue has no room for
+ * Tunings: the cycle checks for a new tuning at the start of each tick. The tuning applies from the
+ *          next computed tick on, which may be a skipped one. If the record queue has no room for
  *          it, the cycle retries at the next tick, because each applied tuning must be recorded.
  *          Without a new tuning the check makes no system call.
  * Shadow:  a cycle computes the live twin, or a shadow in the other slot (handover.h). A shadow

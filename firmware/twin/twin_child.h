@@ -42,7 +42,7 @@ typedef struct tl_twin_child_settings {
     tl_twin_page *print_page; /* prints the page of a check (twin_role.h) */
     tl_time call_limit;       /* ns, call timeout; 0: none */
     uint64_t memory_limit;    /* bytes that the process may use; 0: tl_confine_fair_memory() */
-    const tl_block *others;   /* block with states of another process, for this one to load; NULL: none */
+    const tl_block *others;   /* block with states that another process saved, for the child to load; NULL: none */
 } tl_twin_child_settings;
 
 /* Result of a comparison of two twins, or of a trial of rollback methods. */

@@ -72,7 +72,7 @@ typedef struct tl_objective {
     size_t damping_count;               /* number of damping residuals: one per unknown of a dynamic horizon, or 0 */
     bool *damped;                       /* of each of these: true if J includes it in this step */
     size_t residual_count;              /* of samples, damping and penalties, in this order */
-    size_t residual_most;               /* the same with all penalties */
+    size_t residual_most;               /* largest residual_count: with all penalties */
 } tl_objective;
 
 /* Parts of an objective. The penalties are copied; all else must outlive it. */

@@ -49,8 +49,8 @@ enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
  * exactly.
  *
  * Excursion: TL_PROOF_STEPS steps with other inputs, to trigger events inside the FMUs. It moves
- *          one adjusted variable up or down by 1 or 4 times its `step`, or moves all of them up and
- *          down by 4 times their `step`.
+ *          one adjusted variable up or down by 1 or 4 times its `step` (a Boolean: to the other
+ *          value), or moves all of them up and down by 4 times their `step`.
  * Purpose: runs before the first step of a synchronised twin, on all components together:
  *          1. saves the first state, executes TL_PROOF_STEPS steps, and saves the second state
  *             before step TL_PROOF_MIDST;

@@ -47,12 +47,12 @@ typedef struct tl_released_twin {
     tl_released_state state;
     tl_release release[2];
     tl_released_counts counts;
-    uint32_t timed;    /* number of follows measured with a clock, at most TL_RELEASED_TIMED */
-    tl_time fastest;   /* the fastest of them, ns; of both twins */
+    uint32_t timed;    /* measured calls of tl_released_twin_follow(), at most TL_RELEASED_TIMED */
+    tl_time fastest;   /* ns: shortest time that such a call took for both twins */
     int64_t last_step; /* after this step both end as TL_RELEASED_SLOW (tl_released_twin_end_after()); −1: none */
 } tl_released_twin;
 
-/* Number of follows whose fastest decides whether there is time for released twins. */
+/* Number of measured calls. The fastest one decides whether there is time for released twins. */
 enum { TL_RELEASED_TIMED = 8 };
 
 /* For an exchange that is initialised. `adjusted` must outlive the twin. `steps`: R, ≥ 2, an odd
@@ -66,7 +66,7 @@ bool tl_released_twin_init(tl_released_twin *twin, tl_arena *arena, tl_exchange 
  * their states have become invalid. */
 tl_status tl_released_twin_begin(tl_released_twin *twin, tl_error *error);
 
-/* Call after each committed step with its complete record: executes the same step of both, fills
+/* Call after each committed step with its complete record: executes the step for both twins, fills
  * `released` and `release_age` of the record, and releases a twin if it is its turn. Afterwards the
  * FMUs are in their state from before the call. `now`: clock of the step, ns; NULL if the tick
  * is a replayed or an unrecorded one.
