@@ -35,7 +35,7 @@ typedef enum tl_change_named {
 } tl_change_named;
 
 typedef struct tl_change_needs {
-    tl_change_kind kind;
+    tl_change_kind kind;   /* how the change takes effect */
     tl_change_right right; /* required. In a rule with `names` it is ignored: see tl_change_needs_of() */
     tl_change_named names; /* what the value of this key names */
 } tl_change_needs;

@@ -101,8 +101,8 @@ typedef struct tl_cycle_status {
     bool has_caught_up; /* false only for a shadow that still catches up missed ticks */
     int64_t tick;       /* the newest tick */
     uint64_t steps;
-    uint64_t ticks;
-    uint64_t skipped;
+    uint64_t ticks;           /* ticks at which a step was due: steps + skipped */
+    uint64_t skipped;         /* caught up later, without a search */
     uint64_t gaps;            /* a gap is one or more skipped ticks in a row */
     uint64_t deadline_misses; /* ticks that began in their period T_S and ended after it */
     uint64_t evaluations;

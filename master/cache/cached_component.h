@@ -45,7 +45,7 @@ typedef struct tl_cached_component {
     tl_keep keep;         /* TL_KEEP_AUTO until the owner replaces it, before the start */
     uint32_t spacing;     /* TL_KEEP_OUTPUTS: steps between saved states, ≥ 1 */
     uint32_t root;        /* the committed instant t_i */
-    uint32_t position;    /* node of the candidate; TL_NO_NODE: the pool was full, so its node was not stored */
+    uint32_t position;    /* node of the candidate; TL_NO_NODE: not stored, because of TL_KEEP_NONE or a full pool */
     uint32_t at;          /* node of the FMU; TL_NO_NODE: a step failed or was not stored, or the node was dropped */
     unsigned char *key;   /* scratch: inputs of the current step */
     unsigned char *value; /* scratch: its outputs */

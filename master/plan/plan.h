@@ -138,8 +138,8 @@ typedef struct tl_plan_signal {
 
 typedef struct tl_plan_connection {
     const char *where;
-    const char *from;
-    const char *to;
+    const char *from; /* required; "component.variable" or "plant.signal" */
+    const char *to;   /* required; "component.variable", an input */
 } tl_plan_connection;
 
 /* A variable that the optimiser changes: an input or a tunable parameter, Real or Boolean. Step,

@@ -39,7 +39,7 @@ typedef struct tl_objective_term {
     int32_t shift; /* ŷ of t_j is in the sample of tick j + shift (Δo); there is none before tick 0 */
 } tl_objective_term;
 
-/* Penalties of one adjusted variable. */
+/* Penalties (0: none) of one adjusted variable, and its `step`, as in tl_plan_adjust. */
 typedef struct tl_objective_penalty {
     double deviation;
     double rate;
