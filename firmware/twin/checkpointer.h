@@ -37,7 +37,7 @@ typedef struct tl_checkpointer {
     tl_time cost;      /* ns, as measured last */
     tl_time least;     /* ns, lowest cost: expected once a checkpoint is late, so that one slow save blocks no others */
     bool is_ready;     /* memory is allocated and the cost is known */
-    bool only_marks;   /* nothing can be saved: enqueues empty checkpoints; the record queue keeps the inputs since */
+    bool only_marks;   /* nothing can be saved: enqueues empty checkpoints; the queue keeps the inputs from there on */
     bool is_off;       /* record.resume_s is 0: this run is never resumed */
     bool has_reported; /* the event about a late checkpoint */
 } tl_checkpointer;

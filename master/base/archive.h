@@ -30,7 +30,7 @@ bool tl_archive_is_loading(const tl_archive *archive);
 void tl_archive_part(tl_archive *archive, void *memory, size_t size);
 
 /* Return the next `size` bytes of the archive's own memory, without a copy: room() when saving, to
- * write to; bytes() when loading, to read. NULL if they do not fit, are missing, or are counted. */
+ * write to; bytes() when loading, to read. NULL: they do not fit, are missing, or only counted. */
 unsigned char *tl_archive_room(tl_archive *archive, size_t size);
 const unsigned char *tl_archive_bytes(tl_archive *archive, size_t size);
 
