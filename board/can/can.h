@@ -8,11 +8,11 @@
  * Link:    up while the interface is up and on the bus, with or without frames. The reader checks
  *          the age of values. Down if the interface is absent, down, removed, bus-off or without a
  *          carrier. Then the driver retries with back-off (from 0.1 s, doubling, to at most 2 s).
- * Reports: the start and the end of: error warning, error passive, frames too short for their
- *          signals. At most once per second, with a count: frames that the kernel dropped,
- *          overflows of the controller, bus errors. While the link is up, the sink's part_failed()
- *          gets the start of a problem and link() gets its end. While the link is down, link() gets
- *          both (plant_io.h).
+ * Reports: the start and the end of the controller's states error warning and error passive, and of
+ *          frames too short for their signals. At most once per second, with a count: frames that
+ *          the kernel dropped, overflows of the controller, bus errors. While the link is up, the
+ *          sink's part_failed() gets the start of a problem and link() gets its end. While the link
+ *          is down, link() gets both (plant_io.h).
  * Bound:   a poll waits at most 50 ms for a frame and receives at most 512 frames.
  * Stamp:   time of reception by the kernel, on CLOCK_MONOTONIC, independent of changes of the wall
  *          clock (can_link.h).

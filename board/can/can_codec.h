@@ -22,9 +22,9 @@
  */
 
 enum {
-    TL_CAN_BYTES = 64,     /* data bytes of the longest frame (CAN FD); a classic frame has 8 */
-    TL_CAN_CONDITIONS = 4, /* maximum number of multiplexors of one signal */
-    TL_CAN_CONDITION_VALUES = 16,
+    TL_CAN_BYTES = 64,            /* data bytes of the longest frame (CAN FD); a classic frame has 8 */
+    TL_CAN_CONDITIONS = 4,        /* maximum number of multiplexors of one signal */
+    TL_CAN_CONDITION_VALUES = 16, /* maximum number of values of one multiplexor that select the signal */
     TL_CAN_MULTIPLEXOR_BITS = 32
 };
 

@@ -44,12 +44,13 @@ extern const tl_plant_access tl_csv_access; /* allows nothing besides the files 
 /* Creates a driver that reads a file or FIFO live. Copies the settings; the first poll opens the
  * path without blocking. If the path does not exist, the link is down and each poll tries again.
  * Regular file: the driver posts the first row when it reads it, and each further row when it is
- *               due by its time. When the file grows, is truncated or is replaced, a program writes
- *               it, as `tail -F` assumes. From then on the driver skips the older rows and posts
- *               new ones as they arrive. In a truncated or new file it skips rows up to the time of
- *               the last one; if there are only such rows, the writer has restarted. A line is used
- *               when its line end has arrived. If no row comes for 2 s and for 10 times the
- *               distance of the last two rows, the driver reports the silence once.
+ *               due by its time. If the file grows, is truncated or is replaced, a program writes
+ *               it, as `tail -F` assumes. From then on the driver skips the rows that the file had
+ *               at first, and posts new ones as they arrive. In a truncated or new file it skips
+ *               rows up to the time of the last used row; if there are only such rows, the writer
+ *               has restarted. A line is used when its line end has arrived. If no row comes for
+ *               2 s and for 10 times the distance of the last two rows, the driver reports the
+ *               silence once.
  * FIFO: the driver posts rows as they arrive; a poll without a row waits up to 50 ms. The link is
  *       down while no process writes to the FIFO.
  * Stamp = row time + anchor. The first row sets the anchor so that its stamp is its time of

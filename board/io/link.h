@@ -45,8 +45,8 @@ bool tl_backoff_is_due(const tl_backoff *backoff, tl_time now);
 /* ---- Link state of a device: up, down, or unknown.
  *
  * Purpose: reports each change once, by the sink's link(). A problem of a part of the device does
- *          not change the state. Each driver defines what "up" means, and when it reports a problem
- *          again.
+ *          not change the state. Each driver defines when its link is up, and when it reports a
+ *          problem again.
  * Texts:   "DEVICE: TEXT", truncated to TL_LINK_TEXT − 1 bytes. Example of DEVICE: "CAN interface
  *          can0". TEXT: what happened and what to do.
  * Owner:   the caller owns the struct; no allocation. Thread: that of the driver's poll. Errors:

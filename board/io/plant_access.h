@@ -28,7 +28,7 @@ typedef struct tl_plant_access {
     uint32_t bind_address_bytes; /* length of the address that bind() may have; 0: no bind() */
     const uint32_t *commands;    /* allowed commands of ioctl() */
     size_t command_count;
-    const char *read, *write; /* folder that the driver may read, or read and write, except its sources; NULL: none */
+    const char *read, *write; /* folder that the driver may read, or read and write, besides its sources; NULL: none */
 } tl_plant_access;
 
 #endif

@@ -1,7 +1,7 @@
 /* Hardware watchdog by the kernel's driver: /dev/watchdog.
  *
- * Purpose: the watchdog resets the box if it gets no keepalive within its timeout. It stays armed
- *          if the process that opened it dies.
+ * Purpose: the watchdog resets the computer (the *box*) if it gets no keepalive within its timeout.
+ *          It stays armed if the process that opened it dies.
  * Closing: the magic close ('V') disarms it, unless the kernel is configured never to disarm it
  *          (nowayout). The driver does not report that setting.
  * Thread:  one thread.

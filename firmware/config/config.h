@@ -196,9 +196,9 @@ typedef struct tl_config {
     bool rests;              /* u is nominal while corrections do harm (monitor/lock_monitor.h) */
     double margin;           /* as in tl_plan */
     tl_plan_saving saving;
-    uint32_t saving_memory; /* MiB for the saved states of all FMUs */
-    uint32_t budget_evaluations;
-    tl_time budget_time; /* ns per step; 0: limited only by the length of the step */
+    uint32_t saving_memory;      /* MiB for the saved states of all FMUs */
+    uint32_t budget_evaluations; /* most evaluations of J per step */
+    tl_time budget_time;         /* ns per step; 0: limited only by the length of the step */
 
     const tl_config_delays *delays;              /* NULL: none */
     tl_delay_lookup input_lookup, output_lookup; /* of inputs; of matched signals */
@@ -206,10 +206,10 @@ typedef struct tl_config {
     const char *recording_file;        /* NULL: none */
     const char *recording_time_column; /* default "time" */
 
-    const char *record_file; /* NULL: the default of the command */
-    int64_t record_max_bytes;
-    tl_time record_commit; /* ns between two commits */
-    tl_time record_resume; /* ns; a run resumes an earlier one that ended at most this long ago; 0: never */
+    const char *record_file;  /* NULL: the default of the command */
+    int64_t record_max_bytes; /* for steps, minutes and hours in the database; then the oldest are deleted */
+    tl_time record_commit;    /* ns between two commits */
+    tl_time record_resume;    /* ns; a run resumes an earlier one that ended at most this long ago; 0: never */
     /* The command sets both; 0 after reading. With recording_follow, the twin starts at the last
      * checkpoint before this tick and uses the recorded u. */
     int64_t recording_run;    /* run of a database; 0: the last one */
@@ -223,9 +223,9 @@ typedef struct tl_config {
     tl_config_alarm *alarms;
     size_t alarm_count;
 
-    int realtime_priority; /* SCHED_FIFO priority, 1 … 98; 0: ordinary scheduling */
-    bool realtime_lock_memory;
-    tl_time realtime_hang; /* ns; a cycle hangs if it reports nothing for this time plus 2·T_S */
+    int realtime_priority;     /* SCHED_FIFO priority, 1 … 98; 0: ordinary scheduling */
+    bool realtime_lock_memory; /* lock the memory of the process (mlockall()) */
+    tl_time realtime_hang;     /* ns; a cycle hangs if it reports nothing for this time plus 2·T_S */
 
     tl_config_emulated *emulated;
     size_t emulated_count;
@@ -275,8 +275,8 @@ const char *tl_config_quality_remedy(tl_quality quality);
 void tl_config_use_lookups(tl_config *config);
 
 /* Returns the number of steps after which a prediction no longer depends on the measurements at its
- * start, at least 2. It is twice the longest every_s of a matched signal (default: 5 steps), plus
- * the memory of the conditions. Returns 0 if the free-run check is off. */
+ * start, at least 2. It is twice the longest every_s of the matched signals (5 steps if none has
+ * one), plus the longest memory of a condition. Returns 0 if the free-run check is off. */
 uint32_t tl_config_free_twin_guard(const tl_config *config);
 
 /* Outputs of FMUs by bit number in tl_record.bad_outputs: first those of `match`, then the sources
@@ -309,8 +309,8 @@ tl_time tl_config_interval(const tl_config *config, const tl_config_signal *sign
 /* Returns the index of the signal "plant.NAME"; SIZE_MAX if there is none, or for NULL. */
 size_t tl_config_signal_of(const tl_config *config, const char *reference);
 
-/* Returns the delay in ns that the condition of a match adds to a measurement: half of the median's
- * readings, one per every_s (default: step_s), plus the low-pass. `to` must be a signal. */
+/* Returns the delay in ns that the condition of a match adds to a measurement: (median − 1)/2
+ * readings, one per every_s (default: step_s), plus low_pass_s. `to` must be a signal. */
 tl_time tl_config_condition_lag(const tl_config *config, size_t match);
 
 /* Returns the name of the look-up with the unchanged readings of a match, "plant.NAME@reading".

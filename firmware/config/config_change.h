@@ -35,7 +35,7 @@ typedef enum tl_change_named {
 } tl_change_named;
 
 typedef struct tl_change_needs {
-    tl_change_kind kind;
+    tl_change_kind kind;   /* how the change takes effect */
     tl_change_right right; /* required. In a rule with `names` it is ignored: see tl_change_needs_of() */
     tl_change_named names; /* what the value of this key names */
 } tl_change_needs;
@@ -137,7 +137,7 @@ typedef struct tl_config_privileged {
 } tl_config_privileged;
 
 typedef struct tl_config_change {
-    tl_change_needs needs; /* of all edits: the strictest kind, the highest right; no `names` */
+    tl_change_needs needs; /* of all edits: the strictest kind, the highest right; `names`: TL_NAMES_NOTHING */
     size_t count;          /* number of all edits */
     size_t listed;         /* number of elements of `edits`; if not all fit, the strictest edits */
     tl_config_edit edits[TL_CONFIG_EDITS];

@@ -24,7 +24,7 @@ typedef struct tl_source_reach {
     const char *write; /* device that it opens for reading and writing, as written; NULL: none */
     uint16_t port;     /* TCP port that it connects to; 0: none */
     bool names;        /* it resolves a host name */
-    tl_time wait;      /* ns; longest wait of a poll for its device; 0: below realtime.hang_s */
+    tl_time wait;      /* ns; longest wait of a poll for its device; 0: always shorter than realtime.hang_s */
 } tl_source_reach;
 
 typedef struct tl_driver {

@@ -17,8 +17,9 @@
  *             all three are accepted, and the smallest of their moves counts as a usual move.
  *           - If no reading follows within TL_CONDITIONER_PATIENCE times the interval before A, the
  *             waiting readings are accepted.
- *           The filters do not restart. The largest move decays slowly. It grows by at most a
- *           quarter per reading, so that an accepted outlier does not hide the next one.
+ *           The filters do not restart after a leap. The largest move decays slowly. One reading
+ *           raises it by at most a quarter, or up to half of `leap`, so that an accepted outlier
+ *           does not hide the next one.
  * Gate:     a good reading further than `gate` from the last accepted one is rejected: there is no
  *           output. If three rejected readings in a row agree with each other within the gate, they
  *           are a new level: they are accepted, and the filters restart with these three. Readings

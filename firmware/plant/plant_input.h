@@ -74,7 +74,7 @@ bool tl_plant_input_open(tl_plant_input *input);
 /* Frees what tl_plant_input_open() allocated. A zeroed input is allowed. */
 void tl_plant_input_close(tl_plant_input *input);
 
-/* Returns true if every signal has a reading, and its newest one is good. Does not check values. */
+/* Returns true if the newest reading of every signal is good. Does not check values. */
 bool tl_plant_input_is_complete(const tl_plant_input *input);
 
 /* Returns false if the value is out of range; then nothing is changed. Moves a value that is
@@ -84,7 +84,7 @@ bool tl_plant_limits_apply(const tl_plant_limits *limits, double *value, bool *m
 /* Makes the sample of `tick` at `instant` (ns, clock of the cycle). If the quality is not good, the
  * value is the one that was read; 0 if there is no reading or no number. An interpolated value has
  * the stamp of its look-up (t − back), a mean that of the middle of its span. If several faults
- * apply, the worst quality is set. The age of a reading is the time from its stamp to the look-up.
+ * apply, the highest tl_quality is set. A reading's age is the time from its stamp to the look-up.
  * A stamp further than TL_PLANT_FARTHEST from the look-up is invalid, and counts as no reading. */
 void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time instant, tl_sample *sample);
 

@@ -32,7 +32,7 @@ typedef struct tl_recording_tick {
     bool resets;             /* the FMUs were reset before its step */
     bool rests;              /* u rested at nominal */
     bool ends_released;      /* after its step the released twins ended, because they were too slow */
-    bool is_decided;         /* the qualities are those of the same run, also TL_FROZEN (monitor/frozen.h) */
+    bool is_decided;         /* the run had this configuration: its qualities (also TL_FROZEN) and flags apply */
     bool followed;           /* the step is computed with `u`, without a search; usually of a run that was resumed */
     double u[TL_MAX_ADJUST]; /* if followed: u that was committed */
 } tl_recording_tick;

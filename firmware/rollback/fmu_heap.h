@@ -67,7 +67,7 @@ typedef struct tl_fmu_heap {
     void *context;                          /* passed to note_opening */
     uint32_t threads_started;               /* allowed threads that calls have started */
     uint32_t threads_begun;                 /* how many of them have begun to run; some may have ended */
-    uint32_t thread_count;                  /* used entries of `threads`; may exceed TL_FMU_HEAP_THREADS */
+    uint32_t thread_count;                  /* as threads_begun; only the first TL_FMU_HEAP_THREADS are in `threads` */
     tl_fmu_heap_thread threads[TL_FMU_HEAP_THREADS];
     uint32_t key_count;                      /* keys that calls have created; a restore deletes later ones */
     unsigned keys[TL_FMU_HEAP_KEYS];         /* of type pthread_key_t, in order of creation */

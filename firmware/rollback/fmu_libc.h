@@ -22,9 +22,9 @@
  *          the FMU.
  * Files:   a file that stays open is not part of a copy. So the heap notes the descriptors that a
  *          call opens by functions of the C library. It also notes that files are written, moved or
- *          removed. A file that fopen() opens only for writing may stay open: its stream lies
- *          outside of the heap. If a rollback leaves it open and the FMU opens the file again, the
- *          FMU gets this stream again.
+ *          removed. A file that fopen() opens only for writing may stay open, because its stream
+ *          lies outside of the heap. If the FMU opens such a file again after a rollback that left
+ *          the stream open, the FMU gets the same stream.
  * Outside: functions that keep data in the C library allocate outside of the heap. These are
  *          functions for environment, locales, time zones, exit handlers, host names and users. If
  *          this data were in the heap, the library would find old contents after a restore. So the

@@ -73,16 +73,16 @@ typedef struct tl_fmu_memory {
         has_flags; /* set by the guard: saves exception flags for the FMU. It costs as much as a small step, so set it only with rollback by memory */
     int raised;    /* the FMU's floating-point exceptions, as fetestexcept() returns them */
     fexcept_t flags;        /* the same in the format of the machine */
-    const char *folder;     /* NULL: the memory of all FMUs in Python */
+    const char *folder;     /* from which the FMU is loaded; NULL: this is the memory of all FMUs in Python */
     bool is_given_up;       /* set by the guard: another FMU in Python uses another method, so none is copied */
     tl_fmu_regions regions; /* private, from here on */
     bool has_regions;       /* `regions` is valid */
     unsigned char
-        *opened_as[TL_FMU_REGIONS]; /* per region of a library that a call opened: contents once open; NULL: unknown */
+        *opened_as[TL_FMU_REGIONS]; /* per region of a library that a call opened: contents just after; NULL: unknown */
     uint32_t opened_in
         [TL_FMU_REGIONS]; /* per region: value of `openings` when a call opened its library; 0: not opened by a call */
     uint32_t openings;    /* how often calls have opened a library since the first state was saved */
-    size_t loaded;        /* objects that were loaded before the FMU's last dlopen(): program and libraries */
+    size_t loaded;        /* number of objects (program, libraries) just before the FMU last opened a library */
     size_t paged;         /* regions that existed when `pages` was created */
     uint32_t settled_threads;   /* heap->threads_started when all of the FMU's threads were last found asleep */
     uint32_t live_threads;      /* how many of these threads had not ended then */

@@ -57,7 +57,7 @@ typedef struct tl_fmu_version {
     size_t pages;   /* pages of all ranges, up to the used end of the last one */
     size_t leaves;  /* number of groups, each of 32 pages */
     size_t room;    /* allocated elements of `leaf` */
-    uint32_t *leaf; /* slot of each group; a group contains the slots of its pages */
+    uint32_t *leaf; /* index of each group in the storage; a group contains the indices of its pages */
 } tl_fmu_version;
 
 /* Creates the storage for `count` ranges, at most TL_FMU_REGIONS + 1. Their addresses and sizes

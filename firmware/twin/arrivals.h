@@ -3,8 +3,8 @@
  * Purpose: a device that answers more slowly than its period_s, or a sender that is slower than
  *          every_s, gives fewer readings. That changes no quality, so it is reported here: once per
  *          signal as an event, and at the end in the summary.
- * Counted: posts into the sample buffers, with or without a value. A signal is not checked if its
- *          configuration expects no rate (tl_config_interval()), or if it is a further look-up.
+ * Counted: posts into the sample buffers, with or without a value. A signal is checked only if
+ *          tl_config_interval() knows its longest interval: not a further look-up (NAME@…).
  * Bound:   O(1) per tick; O(signals) every TL_ARRIVALS_CHECK (2 s).
  * Thread:  plain data; the thread of the cycle.
  */
@@ -17,7 +17,7 @@
 #include "firmware/report/journal.h"
 #include "firmware/report/summary.h"
 
-/* Time between two checks, ns. A signal is checked when TL_ARRIVALS_LEAST readings were due. */
+/* Time between two checks, ns. A check skips a signal until TL_ARRIVALS_LEAST readings were due. */
 #define TL_ARRIVALS_CHECK (2 * TL_SECOND)
 enum { TL_ARRIVALS_LEAST = 20 };
 
@@ -26,8 +26,8 @@ typedef struct tl_arrivals {
     tl_time begun;                  /* CLOCK_MONOTONIC; 0: not begun */
     tl_time due;                    /* instant of the next check */
     uint64_t first[TL_MAX_SIGNALS]; /* posts of each signal at `begun` */
-    tl_time since[TL_MAX_SIGNALS];  /* last check of each signal */
-    uint64_t posts[TL_MAX_SIGNALS]; /* posts at that check */
+    tl_time since[TL_MAX_SIGNALS];  /* instant at which each signal was last checked, not skipped */
+    uint64_t posts[TL_MAX_SIGNALS]; /* posts at that instant */
     uint64_t reported;              /* bit i: signal i was reported */
 } tl_arrivals;
 

@@ -19,7 +19,7 @@
 /* Files that a component needs. They are found, and its FMU is opened, before the process drops its
  * access rights. */
 typedef struct tl_assembly_file {
-    bool is_there;
+    bool is_there;                  /* the FMU was found */
     const char *path;               /* of the FMU; if it was not found: where it was searched first */
     int descriptor;                 /* of the FMU; -1: not open */
     char other[TL_OTHER_CASE_TEXT]; /* if not found: end of the message, with what was found instead; "": nothing */

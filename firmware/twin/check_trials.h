@@ -16,9 +16,9 @@
 /* ---- Search for another rollback method, if a component's rollback by the configured method is
  * not exact.
  *
- * Purpose: for `check`. If the configuration names a method that is wrong for an FMU, tries the
- *          method that `auto` finds.
- * Trials:  each is a check of all components (twin_trial.h). At most one per component.
+ * Purpose: for `check`. If the configuration names a method that is wrong for an FMU, tries whether
+ *          "rollback": "auto" finds another one that is exact.
+ * Trials:  each tests all components (twin_trial.h). Their number is at most that of components.
  */
 
 typedef enum tl_other_method_kind {
@@ -52,10 +52,10 @@ void tl_other_method_describe(const tl_other_method *other, char text[TL_OTHER_M
  *
  * Purpose: one process runs both twins (twin_trial.h). If they differ, another process repeats the
  *          first twin alone. An FMU whose values differ when the first twin is repeated is *not
- *          deterministic*. So is an FMU that fails in the first twin, because it did not fail in
- *          the check before. An FMU that differs only beside another instance is *one per process*,
- *          even if its modelDescription.xml permits several instances. So is an FMU whose second
- *          instance crashes, never returns or is rejected.
+ *          deterministic*, and so is an FMU that fails in the first twin, because it did not fail
+ *          in the check before. An FMU is *one per process* if its values differ only beside
+ *          another instance, or if its second instance crashes, never returns or is rejected. This
+ *          holds even if its modelDescription.xml permits several instances.
  * Bound:   TL_PAIR_STEPS and TL_PAIR_LONGEST (twin_trial.h).
  */
 

@@ -35,9 +35,9 @@ typedef struct tl_checkpointer {
     int64_t interval;  /* ticks */
     int64_t next;      /* tick after which the next checkpoint is due */
     tl_time cost;      /* ns, as measured last */
-    tl_time least;     /* ns, lowest cost; counts once a checkpoint is late: one slow save must not block all others */
+    tl_time least;     /* ns, lowest cost: expected once a checkpoint is late, so that one slow save blocks no others */
     bool is_ready;     /* memory is allocated and the cost is known */
-    bool only_marks;   /* nothing can be saved: puts empty checkpoints, from which the record queue keeps inputs */
+    bool only_marks;   /* nothing can be saved: enqueues empty checkpoints; the queue keeps the inputs from there on */
     bool is_off;       /* record.resume_s is 0: this run is never resumed */
     bool has_reported; /* the event about a late checkpoint */
 } tl_checkpointer;

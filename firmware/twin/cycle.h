@@ -46,8 +46,8 @@ int tl_realtime_lock_memory(void);
  *          time budget of later ticks, so that model time stays plant time. For each it uses the
  *          sample of the skipped instant, and nominal plus the last Δu (a Boolean: the last u),
  *          without a search. Only ticks at which a step was due count: ticks = steps + skipped.
- * Tunings: the cycle checks for a new tuning at the start of each tick. It applies from the next
- *          tick that is computed, which may be a skipped one. If the record queue has no room for
+ * Tunings: the cycle checks for a new tuning at the start of each tick. The tuning applies from the
+ *          next computed tick on, which may be a skipped one. If the record queue has no room for
  *          it, the cycle retries at the next tick, because each applied tuning must be recorded.
  *          Without a new tuning the check makes no system call.
  * Shadow:  a cycle computes the live twin, or a shadow in the other slot (handover.h). A shadow
@@ -87,7 +87,7 @@ typedef struct tl_cycle_settings {
     tl_heartbeats *beats;          /* NULL: not published */
     const tl_live_tuning *tuning;  /* tunings from another process; NULL: none */
     tl_live_tuning_answer *answer; /* receives the cycle's answer to a tuning; NULL if `tuning` is NULL */
-    tl_cycle_position slot_index;
+    tl_cycle_position slot_index;  /* slot and first role; zeroed: one slot, live twin */
     tl_realtime_missing missing;
     bool unreadable;    /* no other process can load the saved states of these FMUs: save no checkpoint */
     tl_summary resumed; /* of a resumed run: from tl_resume_follow(); else zeros */
@@ -101,10 +101,10 @@ typedef struct tl_cycle_status {
     bool has_caught_up; /* false only for a shadow that still catches up missed ticks */
     int64_t tick;       /* the newest tick */
     uint64_t steps;
-    uint64_t ticks;
-    uint64_t skipped;
-    uint64_t gaps; /* a gap is one or more skipped ticks in a row */
-    uint64_t deadline_misses;
+    uint64_t ticks;           /* ticks at which a step was due: steps + skipped */
+    uint64_t skipped;         /* caught up later, without a search */
+    uint64_t gaps;            /* a gap is one or more skipped ticks in a row */
+    uint64_t deadline_misses; /* ticks that began in their period T_S and ended after it */
     uint64_t evaluations;
     uint64_t executions;
     uint64_t timed_out;        /* steps whose search was cut short by the time budget */

@@ -5,15 +5,15 @@
  *          candidate with small changes from the onset on. The score test (monitor/score_test.h)
  *          compares these runs with the measurements.
  * Window:  R is the duration of a release (`release_s`), longer than the plant's reaction. The mark
- *          is 5 R before the earliest possible onset. In the first R, errors of the state fade; the
- *          other steps before the onset show the noise. The window ends 10 R after the onset, or
- *          earlier with the record or at the next finding.
- * Causes:  of each adjusted variable and each further input that a signal feeds: offset and gain.
- *          An adjusted variable with a constant nominal value has no gain. Of each tunable
- *          parameter that is not 0: a relative change. Of the sensor of each matched or compared
- *          output: offset, gain, delay and, if its readings repeat, freeze. A fixed parameter
- *          cannot be changed after the start of an FMU; these are only counted.
- * Where:   in the FMU process, because it executes FMUs. Its parent does not trust the result.
+ *          is 5 R before the earliest possible onset, or at the start of a shorter record. In the
+ *          first R (at most a third of these steps) errors of the state fade; the others show the
+ *          noise. The window ends 10 R after the onset, with the record, or at the next finding.
+ * Causes:  of each adjusted input and each further input that a signal feeds: offset and gain, but
+ *          no gain if its nominal value is constant. Of each tunable parameter, adjusted or not,
+ *          that is not 0: a relative change. Of the sensor of each matched or compared output:
+ *          offset, gain, delay and, if its readings repeat, freeze. Fixed parameters are only
+ *          counted, because they cannot be changed after the start of an FMU.
+ * Where:   in the FMU process, because FMUs are executed. Its parent does not trust the result.
  * Memory:  malloc(). Thread: the FMU thread.
  */
 #ifndef TL_FIRMWARE_TWIN_EXPLANATION_H
@@ -47,7 +47,7 @@ enum { TL_EXPLANATION_AFTER = 10 }; /* end of the window after the onset, in R *
 int64_t tl_explanation_reaction(uint32_t released_steps);
 
 /* Computes the window. `released_steps`: of the configuration. `first`: first step of the twin.
- * Errors: TL_BAD_DATA: fewer than 60 steps before the onset, or 10 after it. */
+ * Errors: TL_BAD_DATA: fewer than 60 steps before the earliest onset, or 10 after the onset. */
 tl_status tl_explanation_plan(const tl_explanation_order *order, uint32_t released_steps, int64_t first,
                               tl_explanation_window *window, tl_error *error);
 

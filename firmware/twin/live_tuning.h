@@ -45,7 +45,7 @@ typedef struct tl_live_tuning_head {
 
 typedef struct tl_live_tuning {
     tl_live_tuning_head head;
-    tl_latest tolerances;               /* a tl_lock_tolerances, for the second lock monitor; zeroed: none */
+    tl_latest tolerances;               /* a tl_lock_tolerances, for tl_cycle_status.lock_before; zeroed: none */
     char text[TL_CONFIG_MAX_BYTES + 8]; /* text of the configuration with NUL; copied in 8-byte words */
 } tl_live_tuning;
 

@@ -8,8 +8,7 @@
  *          component, another one is started for the remaining components.
  * Trust:   both processes run the same FMUs, which can write to the block. The parent uses only the
  *          exit status of the reader.
- * Thread:  the FMU thread, in either process.
- * Errors:  a failed test is an outcome, not an error.
+ * Thread:  the FMU thread, in either process. Errors: none; a failed test is an outcome.
  */
 #ifndef TL_FIRMWARE_TWIN_READ_BACK_H
 #define TL_FIRMWARE_TWIN_READ_BACK_H
@@ -25,6 +24,7 @@ enum {
     TL_READ_BACK_TEXT = 512        /* bytes of a text with its NUL */
 };
 
+/* Outcome of a component's whole test; tl_read_back_outcome is that in one process. */
 typedef enum tl_saved_state_outcome {
     TL_READ_BACK_UNKNOWN,    /* not tested, or not completely */
     TL_READ_BACK_IS_EXACT,   /* after loading, the same inputs give the same values */

@@ -28,7 +28,7 @@
  * Rule:    only the newest run with a step of its own can be resumed: a step after the ticks that
  *          it had followed. It must have been interrupted: by a signal, a crash or a power failure.
  *          Its last tick must be at most `record.resume_s` ago, and its duration must not be over.
- * Result:  false if the rule forbids it; then `why` is the text for an event.
+ * Result:  a function returns false if the rule forbids resuming; `why` is then the event's text.
  * Thread:  any: the functions are pure.
  */
 

@@ -42,7 +42,7 @@ typedef struct tl_twin_child_settings {
     tl_twin_page *print_page; /* prints the page of a check (twin_role.h) */
     tl_time call_limit;       /* ns, call timeout; 0: none */
     uint64_t memory_limit;    /* bytes that the process may use; 0: tl_confine_fair_memory() */
-    const tl_block *others;   /* block with states of another process, for this one to load; NULL: none */
+    const tl_block *others;   /* block with states that another process saved, for the child to load; NULL: none */
 } tl_twin_child_settings;
 
 /* Result of a comparison of two twins, or of a trial of rollback methods. */
@@ -86,7 +86,7 @@ tl_status tl_twin_child_enqueue(tl_twin_child *child, const tl_recording_tick *t
 void tl_twin_child_push(tl_twin_child *child);
 
 /* Takes the result of the oldest enqueued tick, which must be `tick`. If no result is available
- * yet, sleeps until `wanted` results are, and takes an available one after each 0.1 s. *stopped:
+ * yet, sleeps until `wanted` results are available, but after each 0.1 s one is enough. *stopped:
  * the process has stopped on request and there is no result.
  * Errors: if the step failed: its error, and `result` is filled. If the process announced its end:
  *         the announced error. If it ended otherwise: TL_FMU_FAILED. */

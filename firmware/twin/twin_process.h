@@ -62,7 +62,7 @@ typedef struct tl_twin_process_settings {
     unsigned which;    /* 0 … 63, different for processes at the same time, so that each has its own user */
     const char *title; /* process title, for example "twin [motor]" */
     int given
-        [TL_ROLE_DESCRIPTORS]; /* in addition to null, output, page, job and start socket (twin_role.h); -1: none */
+        [TL_ROLE_DESCRIPTORS]; /* its descriptors, besides null, output, page, job and start socket (twin_role.h); -1: none */
     const tl_fmu_calls *calls; /* call in progress, in memory that the process writes */
     tl_channel *channel;       /* wakes the thread that waits on it if the process ends or is killed; NULL: none */
     FILE *page;                /* receives the printed page of a check; NULL: nothing is printed */

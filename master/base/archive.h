@@ -29,8 +29,8 @@ bool tl_archive_is_loading(const tl_archive *archive);
  * are missing. */
 void tl_archive_part(tl_archive *archive, void *memory, size_t size);
 
-/* The next `size` bytes of the archive's own memory, without a copy: room to write when saving,
- * bytes to read when loading. NULL if they do not fit, are missing, or are only counted. */
+/* Return the next `size` bytes of the archive's own memory, without a copy: room() when saving, to
+ * write to; bytes() when loading, to read. NULL: they do not fit, are missing, or only counted. */
 unsigned char *tl_archive_room(tl_archive *archive, size_t size);
 const unsigned char *tl_archive_bytes(tl_archive *archive, size_t size);
 

@@ -57,9 +57,9 @@ enum { TL_ESTIMATE_PATIENCE = 8 };
 
 typedef struct tl_estimate {
     tl_time most; /* ns: expected duration */
-    int patience; /* failed retries in a row */
+    int patience; /* failed retries in a row: each took longer than expected; at most TL_ESTIMATE_PATIENCE */
     bool tried;   /* it ran in this step; the caller clears it at the start of a step */
-    bool rested;  /* it has been suppressed since it last ran */
+    bool rested;  /* it has been suppressed since it last ran, so that its next run is a retry */
 } tl_estimate;
 
 /* Notes that the operation ran in this step and took `took`, ns. */

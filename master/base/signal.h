@@ -46,7 +46,7 @@ typedef enum tl_between {
 typedef struct tl_condition {
     double gate; /* > 0: a reading further than this (signal's unit) from the last accepted one is rejected; 0: none */
     double leap; /* > 0: isolated outliers are rejected, but no reading within this of the last accepted one; 0: none */
-    bool keeps_outliers; /* as configured: no outlier is rejected by default */
+    bool keeps_outliers; /* as configured: true: `leap` gets no default (6 tolerances), so isolated outliers stay */
     uint32_t median;     /* odd number of readings, 3 … 99; 0 and 1: none */
     tl_time low_pass;    /* time constant τ of a first-order low-pass, ns; 0: none */
 } tl_condition;

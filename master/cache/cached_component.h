@@ -9,10 +9,10 @@
  * States:  the FMU's state is saved as late as possible, when the FMU leaves a node. It is restored
  *          only to execute from another node (table 4.1, right column). TL_KEEP_OUTPUTS saves
  *          states only every `spacing` steps; from there the FMU catches up (left column).
- * Final:   some steps tell the FMU that no earlier state will be restored, so that the FMU can drop
- *          its buffers. Such a step starts at the root or above it, from a node with a saved state.
- *          That state itself may still be restored. No step is final while the FMU executes only
- *          steps below the root, or while the owner keeps an earlier state (`is_kept_from`).
+ * Final:   a final step tells the FMU that no earlier state will be restored, so that the FMU can
+ *          drop its buffers. A step is final only if it starts at the root, or at a node above it,
+ *          and if this node has a saved state. This state itself may still be restored. No step is
+ *          final while the owner keeps an earlier state (`is_kept_from`).
  * None:    TL_KEEP_NONE stores only the committed step and saves only the state at the root. Each
  *          candidate restores it and executes all its steps.
  * Full:    if the pool is full, a result is used and counted, but not stored.
@@ -45,7 +45,7 @@ typedef struct tl_cached_component {
     tl_keep keep;         /* TL_KEEP_AUTO until the owner replaces it, before the start */
     uint32_t spacing;     /* TL_KEEP_OUTPUTS: steps between saved states, ≥ 1 */
     uint32_t root;        /* the committed instant t_i */
-    uint32_t position;    /* node of the candidate; TL_NO_NODE: the pool was full, so its node was not stored */
+    uint32_t position;    /* node of the candidate; TL_NO_NODE: not stored, because of TL_KEEP_NONE or a full pool */
     uint32_t at;          /* node of the FMU; TL_NO_NODE: a step failed or was not stored, or the node was dropped */
     unsigned char *key;   /* scratch: inputs of the current step */
     unsigned char *value; /* scratch: its outputs */

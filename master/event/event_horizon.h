@@ -37,14 +37,13 @@ size_t tl_event_plan_window(const tl_plan *plan);
  *          saved at the start of the stroke. After the event, each candidate starts from that state
  *          and runs over the whole stroke. J is summed over the window T_F: half of it before the
  *          event, half after it. So an event that is too early costs as much as one that is too
- *          late. The best candidate
- *          is continued to the present instant and becomes the twin. Steps committed meanwhile are
- *          not changed.
+ *          late. The best candidate is continued to the present instant and becomes the twin. Steps
+ *          committed meanwhile are not changed.
  * Phases:  waiting for the start; in the stroke; waiting for the end of the window (lag only);
  *          searching; continuing the best candidate.
- * Hold:    the search starts before the window is complete, and uses the newest sample in place of
- *          later ones. If the plant's signal returns within the window, the stroke is searched
- *          again at the end of the window.
+ * Hold:    in this mode the search starts before the window is complete, and uses the newest sample
+ *          in place of later ones. If the plant's signal returns within the window, the stroke is
+ *          searched again at the end of the window.
  * Time:    a search may take many cycles. In each cycle the live step comes first; then candidates
  *          run for as many macro steps as fit the budget. Between cycles the FMUs are those of the
  *          live twin. A search is abandoned if the next stroke starts, or if the samples of its

@@ -77,11 +77,11 @@ typedef struct tl_component {
     bool logging;         /* fmi2Instantiate: loggingOn */
     bool replaces_states; /* the FMU returns a new handle instead of reusing the given one */
     bool reads_late;      /* the FMU gives no values in initialisation mode: outputs are read after it */
-    bool gave_up_states;  /* tl_component_restore_copy() was called with a reason */
+    bool gave_up_states;  /* its first rollback method was wrong: tl_component_restore_copy() has replaced it */
     bool hides_variables; /* the FMU has rejected to give an internal variable */
     bool says_final;   /* each step is reported as final, also if the caller passes false: for tests of the rollback */
     bool prefers_copy; /* tl_component_prefer_copy() is in effect */
-    size_t reals_run;  /* components from this one on that share step_reals(); 0: its ports are not all Real */
+    size_t reals_run;  /* number of components, from this one on, that one step_reals() can execute; 0: none */
     uint64_t executions; /* fmi2DoStep calls */
     double start_s;      /* the FMU's time at t = 0, s; the times of the calls below count from it */
     double stop_s;       /* the FMU's stop time, s; not above start_s: none */
@@ -167,17 +167,17 @@ void tl_component_mark_outputs(const tl_component *component);
 tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_error *error);
 tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_error *error);
 
-/* Keeps a full copy of an FMU besides its own states (tl_fmi2_fallback), in case its states are
- * wrong. The new copy replaces an earlier one. Returns false if no copy could be made. */
+/* Makes and keeps a full copy of an FMU besides its own states (tl_fmi2_fallback), in case its
+ * states are wrong. It replaces an earlier copy. Returns false if no copy could be made. */
 bool tl_component_save_copy(tl_component *component);
 
 /* Bytes that such a copy would take now; 0: unknown, or no copy can be made. */
 size_t tl_component_copy_size(const tl_component *component);
 
 /* Restores the kept copy. States saved after the copy are invalid: free them with
- * tl_component_forget() before this call. `why` not NULL: what is wrong with the FMU's states (may
- * be ""); from now on states are saved and restored as such copies. Returns false if this is not
- * possible; then the FMU has logged the reason. */
+ * tl_component_forget() before this call. `why` NULL: the rollback method stays. Else: what is
+ * wrong with it (may be ""); from now on the FMU has its next method (tl_fmi2_fallback). Returns
+ * false if this is not possible; then the reason was logged. */
 bool tl_component_restore_copy(tl_component *component, const char *why);
 
 /* For an FMU with a kept copy: true if a copy of its memory could replace its own states. The

@@ -50,27 +50,22 @@ typedef struct tl_fmi2_times {
 #define TL_EXPERIMENT_FAR (7300 * 86400.0)
 
 /* Not part of FMI: tests and changes the rollback method of an FMU, whose own states may be wrong.
- * The test before a run is the rollback proof (sync/proof.h). `keep`: makes a full copy of the FMU
- * at the start of the proof and frees the earlier copy. `restore_start`: restores the copy.
- * `next_method`: restores the copy, and from now on uses the next method (own states, copies,
- * replay). `why`: cause for the log; "" if it is not known. `end_proof`: frees the copy. `size`:
- * bytes of a copy; 0: not known. `has_choice`: true if the FMU is rolled back by its own states,
- * and copies are possible instead. `prefer_copy`: only if has_choice() is true and no state is
- * saved: rolls back by copies of the memory from now on; then `next_method` returns to the FMU's
- * own states. `times`: for the log. `note_memory`: only if has_choice() is true: keeps a copy of
- * the present memory for `is_memory_same`, which returns true if the memory has the same bits
- * again.
+ * The test before a run is the rollback proof (sync/proof.h).
  * Errors: fmi2Error if it is not possible; the reason was logged. */
 typedef struct tl_fmi2_fallback {
-    fmi2Status (*keep)(fmi2Component instance);
-    fmi2Status (*restore_start)(fmi2Component instance);
+    fmi2Status (*keep)(fmi2Component instance);          /* makes a full copy of the FMU, frees the earlier one */
+    fmi2Status (*restore_start)(fmi2Component instance); /* restores the full copy */
+    /* Restores the full copy, and from now on uses the next method: own states, copies, own states
+     * with the inputs set again, replay. `why`: cause for the log; "": not known. */
     fmi2Status (*next_method)(fmi2Component instance, const char *why);
-    void (*end_proof)(fmi2Component instance);
-    size_t (*size)(fmi2Component instance);
-    bool (*has_choice)(fmi2Component instance);
+    void (*end_proof)(fmi2Component instance);  /* frees the full copy */
+    size_t (*size)(fmi2Component instance);     /* bytes of a full copy; 0: not known */
+    bool (*has_choice)(fmi2Component instance); /* true: rolled back by its own states, copies are possible too */
+    /* Only with has_choice(), and while no state is saved: rolls back by copies from now on. Then
+     * next_method() returns to own states. `times`: for the log. */
     fmi2Status (*prefer_copy)(fmi2Component instance, const tl_fmi2_times *times);
-    fmi2Status (*note_memory)(fmi2Component instance);
-    bool (*is_memory_same)(fmi2Component instance);
+    fmi2Status (*note_memory)(fmi2Component instance); /* only with has_choice(): copies the present memory */
+    bool (*is_memory_same)(fmi2Component instance);    /* true: the memory has the same bits as that copy */
 } tl_fmi2_fallback;
 
 /* Not part of FMI: rollback by replay. The instance is reset, and its steps are executed again with

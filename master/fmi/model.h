@@ -77,7 +77,7 @@ typedef struct tl_model {
     const char *generation_tool; /* "" if there is none */
     tl_capabilities capabilities;
     double start_time; /* of DefaultExperiment, s; NaN: not declared */
-    double stop_time;  /* the same */
+    double stop_time;  /* of DefaultExperiment, s; NaN: not declared */
     const tl_variable *variables;
     size_t variable_count;
     const tl_unit *units; /* of UnitDefinitions; then those that only variables mention, without a base */

@@ -8,7 +8,7 @@
 
 typedef enum tl_rollback {
     TL_ROLLBACK_NONE,   /* no rollback: nothing is synchronised, or no method works */
-    TL_ROLLBACK_AUTO,   /* the first method below that passes the rollback proof (master/sync/proof.h) */
+    TL_ROLLBACK_AUTO,   /* a method below that is exact: the rollback proof chooses it (master/sync/proof.h) */
     TL_ROLLBACK_STATE,  /* fmi2GetFMUstate, fmi2SetFMUstate */
     TL_ROLLBACK_MEMORY, /* all memory of the FMU is copied */
     TL_ROLLBACK_REPLAY, /* the FMU is reset and given its inputs again */

@@ -5,9 +5,10 @@
  *          step. The time between two readings is a lap. A lap's duration is shared among the
  *          components executed in it, in proportion to their expected costs. If all components
  *          execute in one call, only the duration of the call is learned.
- * Closely: to correct the proportions, some macro steps are measured component by component: one in
- *          every sixteenth step, and one after a lap that took 1.5 times as long as expected.
- * Step:    here a step of the twin, with all its candidates and its committed macro step.
+ * Closely: to correct the proportions, some macro steps are measured component by component: the
+ *          first one of every sixteenth step, and the one after a lap that took more than 1.5 times
+ *          as long as expected.
+ * Step:    here a step of the twin: all its candidates and its committed macro step.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_GRAPH_COSTS_H
@@ -68,7 +69,7 @@ void tl_costs_commit(tl_costs *costs);
 void tl_costs_ran(tl_costs *costs, size_t component);
 void tl_costs_ran_all(tl_costs *costs);
 
-/* Ends a lap and reads the clock; not allowed without one. If components were executed, adds the
+/* Ends a lap and reads the clock, which must not be NULL. If components were executed, adds the
  * duration to their costs and returns 0. Else returns the duration, ns. */
 tl_time tl_costs_lap(tl_costs *costs);
 

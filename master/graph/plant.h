@@ -9,10 +9,10 @@
  *          `hold` and `ahead`).
  * Shift:   the plant at the instant t_i is the sample of tick i + shift. This compensates the delay
  *          of inputs. If i + shift is below 0, it is the sample of tick 0.
- * Saving:  if executions are saved, a step of the plant is known if it delivers the same tick's
- *          sample as before. If the sample of a tick is missing, the step delivers the newest one.
- *          When the missing sample has arrived, the step is not known any more. Within a tick, the
- *          samples are the same for every candidate.
+ * Saving:  if executions are saved, a step of the plant is *known*, and is no execution, if it
+ *          delivers the sample of the same tick as before. If the sample of a tick is missing, the
+ *          step delivers the newest one. When the missing sample has arrived, the step is not known
+ *          any more. Within a tick, the samples are the same for every candidate.
  * Thread:  the twin's.
  */
 #ifndef TL_MASTER_GRAPH_PLANT_H
@@ -43,7 +43,7 @@ typedef struct tl_plant {
     tl_sample *window;           /* ring by tick */
     size_t window_mask;          /* size of the ring, a power of two, minus 1 */
     int64_t newest;              /* tick of the newest sample; −1: none */
-    int64_t shift;               /* see above; in ticks */
+    int64_t shift;               /* ticks; see Shift above */
     int64_t known;               /* saving: macro steps before this one are known */
     int64_t *delivered;          /* ring by macro step: tick of the delivered sample; NULL: no saving */
     size_t delivered_size;       /* entries of this ring */

@@ -51,7 +51,7 @@ tl_delay_meter *tl_delay_meter_create(tl_arena *arena, uint32_t lags, tl_time st
  * good interrupts the series: no values are interpolated across it. */
 void tl_delay_meter_see(tl_delay_meter *meter, tl_time stamp, double value, bool good);
 
-/* Adds y at t_j, j = 1, 2, …. `free`: nothing was corrected in the step before. A corrected y
+/* Adds y at t_j, j = 1, 2, …. `free`: the step that ends at t_j was not corrected. A corrected y
  * follows ŷ with the delay in use, so it shows no other delay. So a step counts only after N free
  * steps in a row. */
 void tl_delay_meter_step(tl_delay_meter *meter, int64_t j, double y, bool free);

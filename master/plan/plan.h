@@ -138,8 +138,8 @@ typedef struct tl_plan_signal {
 
 typedef struct tl_plan_connection {
     const char *where;
-    const char *from;
-    const char *to;
+    const char *from; /* required; "component.variable" or "plant.signal" */
+    const char *to;   /* required; "component.variable", an input */
 } tl_plan_connection;
 
 /* A variable that the optimiser changes: an input or a tunable parameter, Real or Boolean. Step,
@@ -163,7 +163,7 @@ typedef struct tl_plan_match {
     const char *where;
     const char *variable; /* required; "component.variable" */
     const char *to;       /* required; "plant.signal" */
-    const char *reading;  /* plant signal whose single readings are compared too; NULL: `to`; "": none */
+    const char *reading;  /* plant signal whose raw readings are compared too (reading_meter.h); NULL: `to`; "": none */
     double tolerance;     /* required; > 0, in the variable's unit; may be 1 if weight is 0 */
     double weight;        /* ≥ 0; default: 1; 0: compared and reported, but not part of J */
     double huber;         /* > 0: errors above this many tolerances count linearly; 0: all quadratically */
@@ -218,14 +218,14 @@ typedef struct tl_plan_event {
 /* Largest lag, in macro steps in both directions, of a measured delay. */
 enum { TL_DELAY_LAGS = 32 };
 
-/* Measurement of Δo (measure/delay_meter.h). In lock the released twins show it. A model that is
- * slower than the plant also lags. So with `has_start` the first value that they show counts as
- * `start`, and only later changes are used. */
+/* Measurement of Δo (measure/delay_meter.h), in lock by the released twins. They also lag if the
+ * model is slower than the plant. So with `has_start`, their first measured value counts as
+ * `start`, and only its later changes are used. */
 typedef struct tl_plan_measure {
     uint32_t lags;     /* N of the meters, at most TL_DELAY_LAGS; 0: Δo is not measured */
     tl_time range;     /* ns: a measured delay is limited to −range … range; less than (N − 1)·T_S */
     tl_time look_back; /* ns: as in tl_delay_lookup, of matched signals */
-    bool is_unused;    /* Δo only stands in records and account: no look-up is shifted, and no checkpoint has it */
+    bool is_unused;    /* Δo is only reported (records, account): it shifts no look-up and is in no checkpoint */
     bool has_start;    /* Δo at the start is known */
     tl_time start;     /* ns: this Δo; if the inputs are shifted, minus their delay Δi */
 } tl_plan_measure;
@@ -279,7 +279,7 @@ typedef struct tl_plan {
     tl_plan_saving saving;
     uint32_t verify_every; /* committed steps between two verifications by tl_twin_verify(); 0: none; default: 400 */
     uint32_t free_twin;    /* free-run check: `guard` of tl_free_twin_init(); 0: no check; not with an event horizon */
-    uint32_t released_steps; /* R of released twins (sync/released_twin.h), ≥ 2; 0: none */
+    uint32_t released_steps; /* R: steps of a release (sync/released_twin.h), ≥ 2; 0: no released twins */
     bool may_rerun;          /* twin_rerun.h is used */
     uint64_t state_bytes;    /* bytes for saved states of all FMUs; 0: no bound; default: 128 MiB */
     size_t (*heap)(void);    /* returns the bytes allocated in this process, to measure states; NULL: not known */

@@ -56,11 +56,11 @@ enum {
     TL_FREE_RUN_CHECK_LEAST = 20,    /* with fewer trials there is no decision */
     TL_FREE_RUN_CHECK_MEMORY = 1000, /* the noise is averaged over at most this many trials */
     TL_FREE_RUN_CHECK_RECENT = 50,   /* the recent noise is averaged over this many trials */
-    TL_FREE_RUN_CHECK_LOST = 6       /* the free-running twin restarts if it is worse over 6 times 50 trials in a row */
+    TL_FREE_RUN_CHECK_LOST = 6 /* the free-running twin restarts if it is worse in 6 rings of 50 trials in a row */
 };
 
-/* Error of each matched output after a step, in tolerances times the root of its weight; 0 if there
- * is no good measurement. A value that is not finite counts as the largest error. */
+/* Error of each matched output after a step: √weight·(y − ŷ)/tolerance; 0 if there is no good
+ * measurement. A value that is not finite counts as the largest error. */
 typedef struct tl_free_run_check_errors {
     double locked[TL_MAX_MATCH];    /* of the twin, locked or resting */
     double free[TL_MAX_MATCH];      /* of the free-running twin */
@@ -104,7 +104,7 @@ typedef struct tl_free_run_check {
     bool rests;                   /* u rests at nominal */
     bool follows;                 /* `before` is valid */
     double before[TL_MAX_MATCH];  /* error of the previous prediction */
-    double lasting[TL_MAX_MATCH]; /* mean error of the predictions before that one: the lasting model error */
+    double lasting[TL_MAX_MATCH]; /* mean error of the predictions before `before`: the lasting model error */
     uint32_t steps;               /* of the current trial */
     uint32_t counted;             /* of these, steps with a good measurement */
     tl_free_run_check_trial sum;

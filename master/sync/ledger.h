@@ -38,13 +38,13 @@ typedef struct tl_ledger_entry {
     int64_t newest; /* tick of the plant's newest sample at that time */
     uint32_t depth; /* macro steps it completed */
     size_t failed;  /* component that failed in the next step, which earlier ones executed; SIZE_MAX: none */
-    int64_t parted[TL_MAX_ADJUST]; /* committed step at which each variable differed; INT64_MAX/2: none yet */
+    int64_t parted[TL_MAX_ADJUST]; /* first committed step with another u than the candidate; INT64_MAX/2: none yet */
 } tl_ledger_entry;
 
-/* Buffer for the samples of one earlier step, as long as the keys stay the same. */
+/* Samples now, compared with those that a candidate used. */
 typedef struct tl_ledger_samples {
-    int64_t step, present, first, newest;
-    int64_t *differs; /* step at which each signal differs; last, the plant's tick */
+    int64_t step, present, first, newest; /* `differs` is valid for this step, newest sample, and candidate's fields */
+    int64_t *differs; /* first step with another value, of each signal; last: first step with another tick's sample */
 } tl_ledger_samples;
 
 /* Per node: the first step whose execution is not known yet. */

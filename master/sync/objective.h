@@ -3,8 +3,8 @@
  * Purpose: J = Σ residuals² (eq. 4.3). A residual is √weight·(y − ŷ)/tolerance at one
  *          horizon sample, from the output's own T_D to T_P. Beyond `huber` tolerances it is
  *          √weight·√(2·huber·|d| − huber²) with the sign of d. A penalty is √factor·(u − û)/step or
- *          √factor·(u − u of the step before)/step. J < 1 means "within tolerance" at one sample. A
- *          ŷ that is not good has weight 0.
+ *          √factor·(u − u of the step before)/step. J < 1 counts as "within tolerance". A ŷ that is
+ *          not good has weight 0.
  * Unseen:  an unknown is a u of one macro step. It is unseen if there is no measurement at the
  *          sample where it first has an effect, for example between two messages of the plant. Then
  *          the measurements of a dynamic horizon depend only on the sum of several unknowns, which
@@ -39,7 +39,7 @@ typedef struct tl_objective_term {
     int32_t shift; /* ŷ of t_j is in the sample of tick j + shift (Δo); there is none before tick 0 */
 } tl_objective_term;
 
-/* Penalties of one adjusted variable. */
+/* Penalties (0: none) of one adjusted variable, and its `step`, as in tl_plan_adjust. */
 typedef struct tl_objective_penalty {
     double deviation;
     double rate;
@@ -72,7 +72,7 @@ typedef struct tl_objective {
     size_t damping_count;               /* number of damping residuals: one per unknown of a dynamic horizon, or 0 */
     bool *damped;                       /* of each of these: true if J includes it in this step */
     size_t residual_count;              /* of samples, damping and penalties, in this order */
-    size_t residual_most;               /* the same with all penalties */
+    size_t residual_most;               /* largest residual_count: with all penalties */
 } tl_objective;
 
 /* Parts of an objective. The penalties are copied; all else must outlive it. */

@@ -27,10 +27,11 @@
  * Choice:  copies of the memory, unless a round with them takes TL_ROLLBACK_TIMING_MARGIN times as
  *          long as with own states, and at least 10 µs longer. Then each restore of the own state
  *          after an excursion must give the memory the same bits as before, else copies are chosen.
- *          From TL_ROLLBACK_TIMING_LIMIT times on, the bits need to be the same one step later.
- * Exact:   only own states are proved at the time of the choice. If copies are chosen,
- *          tl_proof_of_rollback() proves all components again. If a copy is not exact, the
- *          component returns to its own states (tl_component_restore_copy()).
+ *          If copies take TL_ROLLBACK_TIMING_LIMIT times as long, the bits are only compared one
+ *          step after the restore.
+ * Exact:   at the time of the choice, only own states are proved. If copies are chosen,
+ *          tl_proof_of_rollback() proves all components again. If a copy is not exact, its
+ *          component returns to own states.
  * Bits:    results have the same bits with both methods. Only the number of states that a cache can
  *          keep within its memory limit can differ, and so the number of executions.
  * Thread:  the twin's. Allocates nothing from the arena.
@@ -48,8 +49,8 @@ enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
  * exactly.
  *
  * Excursion: TL_PROOF_STEPS steps with other inputs, to trigger events inside the FMUs. It moves
- *          one adjusted variable up or down by 1 or 4 times its `step`, or moves all of them up and
- *          down by 4 times their `step`.
+ *          one adjusted variable up or down by 1 or 4 times its `step` (a Boolean: to the other
+ *          value), or moves all of them up and down by 4 times their `step`.
  * Purpose: runs before the first step of a synchronised twin, on all components together:
  *          1. saves the first state, executes TL_PROOF_STEPS steps, and saves the second state
  *             before step TL_PROOF_MIDST;

@@ -20,7 +20,7 @@ typedef struct tl_budget {
     tl_time started;               /* reading of `now` at the start of this tick, ns */
     tl_time (*now)(void *context); /* monotonic clock, ns; NULL in a replay, so that its results are repeatable */
     void *context;
-    bool unrecorded;      /* no replay repeats this tick: nothing lasting is decided by the clock */
+    bool unrecorded;      /* no replay repeats this tick, so the clock must not decide anything lasting */
     bool repeated;        /* repeats a recorded step that ran out of time after `evaluations`, which may be 0 */
     bool without_nominal; /* only if `repeated`: nominal was not evaluated in that step */
     uint64_t executions;  /* only if `repeated`: executions of that step in the search of an event horizon */
@@ -63,7 +63,7 @@ typedef enum tl_flag {
     TL_FLAG_ABANDONED = 16,      /* event horizon: a stroke was not searched, or not completely */
     TL_FLAG_RESET = 32,          /* before this step the FMUs were reset to their start values (tl_twin_reset()) */
     TL_FLAG_DIFFERED =
-        64, /* the rollback of an FMU is not exact: found before this step (sync/verifier.h) or earlier */
+        64, /* the rollback of an FMU is not exact: found just before this step (sync/verifier.h), or earlier */
     TL_FLAG_NO_ROLLBACK = 128, /* an FMU that is rolled back by replay is too far from its start: the twin runs free */
     TL_FLAG_RESTS =
         256, /* nothing was searched, u rests at nominal: the free-running twin predicts better, or tl_twin_rest() */
@@ -92,7 +92,7 @@ typedef struct tl_record_readings {
 typedef struct tl_record_refused {
     uint32_t count;
     uint32_t by_output; /* 0: an FMU failed; 1: an output was not finite */
-    uint32_t index;     /* of this component or matched output, in the order of the plan */
+    uint32_t index;     /* of this component or this matched output, in the order of the plan */
     uint32_t variable;  /* the adjusted variable that was furthest from nominal, in multiples of its `step` */
     double u;           /* value of this variable */
 } tl_record_refused;

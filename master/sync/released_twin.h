@@ -12,9 +12,9 @@
  * Lag:     in mode lag the released state depends on measurements up to T_P steps after it.
  * Failure: if an FMU of a released twin fails, this released twin is missing until its next
  *          release. Only fmi2Fatal ends the twin.
- * Not:     the free-running twin of free_twin.h. That one runs uncorrected for as long as it
- *          predicts well, and decides whether u rests. A released twin affects the twin only by a
- *          measured delay (plan.measure).
+ * Not:     the free-running twin of free_twin.h. The free-running twin stays uncorrected as long as
+ *          it predicts well, and decides whether u rests. A released twin affects the twin only by
+ *          a measured delay (tl_plan_measure).
  * Source:  not the dissertation.
  * Thread:  the twin's. Memory: the arena, at start-up; states: fmi/component.h.
  */
@@ -47,12 +47,12 @@ typedef struct tl_released_twin {
     tl_released_state state;
     tl_release release[2];
     tl_released_counts counts;
-    uint32_t timed;    /* number of follows measured with a clock, at most TL_RELEASED_TIMED */
-    tl_time fastest;   /* the fastest of them, ns; of both twins */
+    uint32_t timed;    /* measured calls of tl_released_twin_follow(), at most TL_RELEASED_TIMED */
+    tl_time fastest;   /* ns: shortest time that such a call took for both twins */
     int64_t last_step; /* after this step both end as TL_RELEASED_SLOW (tl_released_twin_end_after()); −1: none */
 } tl_released_twin;
 
-/* Number of follows whose fastest decides whether there is time for released twins. */
+/* Number of measured calls. The fastest one decides whether there is time for released twins. */
 enum { TL_RELEASED_TIMED = 8 };
 
 /* For an exchange that is initialised. `adjusted` must outlive the twin. `steps`: R, ≥ 2, an odd
@@ -66,7 +66,7 @@ bool tl_released_twin_init(tl_released_twin *twin, tl_arena *arena, tl_exchange 
  * their states have become invalid. */
 tl_status tl_released_twin_begin(tl_released_twin *twin, tl_error *error);
 
-/* Call after each committed step with its complete record: executes the same step of both, fills
+/* Call after each committed step with its complete record: executes the step for both twins, fills
  * `released` and `release_age` of the record, and releases a twin if it is its turn. Afterwards the
  * FMUs are in their state from before the call. `now`: clock of the step, ns; NULL if the tick
  * is a replayed or an unrecorded one.

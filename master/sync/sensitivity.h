@@ -3,10 +3,11 @@
  * Purpose: a variable to which no matched output reacts gets no correction. Two variables whose
  *          effects are parallel share one correction, and only their sum is known. The user must
  *          know both, whatever the solver is.
- * Method:  the slope of the residuals per `step` of each unknown. A solver that stores this slope
- *          provides it. Otherwise a column is the difference of two candidates of one search that
- *          differ in one unknown. All solvers evaluate such candidates, so no evaluation is added.
- *          The effect of a variable is the sum of the columns of its unknowns.
+ * Method:  the slope: change of each residual per `step` of each unknown. A solver that stores the
+ *          slope provides it. Otherwise its column for an unknown is the difference of two
+ *          candidates of one search that differ only in this unknown. All solvers evaluate such
+ *          candidates, so no evaluation is added. The effect of a variable is the sum of the
+ *          columns of its unknowns.
  * Window:  a result counts after TL_SENSITIVITY_TESTS tests in a row. A test is a step in which the
  *          columns are known. Nothing here changes a result of the search.
  * Thread:  the twin's. Memory: the arena, at start-up.

@@ -40,8 +40,8 @@ bool tl_side_twin_init_state(tl_snapshot *state, tl_arena *arena, const tl_excha
 /* After the initialisation of the FMUs: false if one of them is rolled back by replay. */
 bool tl_side_twin_is_possible(const tl_exchange *exchange);
 
-/* Restores `state` and executes macro step `step` with this u. The ports have the values of its
- * end. Errors: TL_FMU_FAILED or TL_FMU_FATAL. */
+/* Restores `state` and executes macro step `step` with nominal or approved u (see `adjusted`). Then
+ * the ports have the values at the end of the step. Errors: TL_FMU_FAILED or TL_FMU_FATAL. */
 tl_status tl_side_twin_step(tl_side_twin *twin, const tl_snapshot *state, int64_t step, tl_error *error);
 
 #endif

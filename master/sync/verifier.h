@@ -30,7 +30,7 @@ typedef struct tl_restore_trial {
     tl_time macro_step; /* ns */
     int64_t step;
     unsigned steps;
-    fmi2FMUstate state;          /* an existing state, or NULL */
+    fmi2FMUstate state;          /* a handle to reuse, which stays valid; NULL: none */
     const unsigned char *inputs; /* of the steps, one after the other, each of input_bytes */
     size_t input_bytes;
     const unsigned char *

@@ -5,15 +5,14 @@
  * Method:  algorithm 3 of the thesis, with the decisions in docs/decisions/README.md.
  * Ticks:   the sample of tick m is the plant at t_m. Tick 0 is t_start and initialises the FMUs.
  *            lag:   tick m ≥ T_P + D computes step i = m − T_P − D; its record is complete at once.
- *                   D is the delay, in ticks, that the filters of matched signals (tl_condition)
- *                   cause; 0 without any.
- *            hold:  tick m ≥ 1 + D computes step i = m − 1 − D; complete at once.
+ *            hold:  tick m ≥ 1 + D computes step i = m − 1 − D; complete at once. So does mode lag
+ *                   with an event horizon.
  *            ahead: tick m computes step i = m; its record is complete at tick m + 1.
- *          If the inputs (input_ticks) or the measurements (output_ticks) of an instant arrive some
- *          ticks later, D includes the larger of the two delays. If input_ticks > 0, the FMUs are
- *          initialised at tick input_ticks, when the inputs of t_0 are there; otherwise, and in
- *          mode ahead, at tick 0. If the delay of the outputs (Δo) is measured during the run, D
- *          includes the longest possible delay.
+ *          D is the number of ticks until the inputs (tl_plan.input_ticks) and the measurements
+ *          (output_ticks, which includes the delay of filters) of an instant have arrived: the
+ *          larger of the two, at least 0. If the delay of the outputs (Δo) is measured and used, D
+ *          is large enough for the longest possible delay. If input_ticks > 0, the FMUs are
+ *          initialised at tick input_ticks; otherwise, and in mode ahead, at tick 0.
  * Memory:  tl_twin_build() allocates everything; our code allocates nothing afterwards.
  * Thread:  one thread at a time uses a twin.
  */

@@ -42,7 +42,7 @@ struct tl_twin {
     tl_pairing measurements;
     tl_plan_measure measure;
     tl_delay_meter *meters[TL_MAX_MATCH]; /* NULL: the output delay Δo is not measured */
-    tl_time offsets[TL_MAX_MATCH];        /* of the measured delays from those in use (tl_plan_measure) */
+    tl_time offsets[TL_MAX_MATCH];        /* ns: measured delay minus delay in use, at the first measurement */
     bool has_offset[TL_MAX_MATCH];
     uint32_t measured_age; /* release_age of the last y that `meters` got; 0: not of a released twin, or none yet */
     tl_twin_delay delay;
@@ -85,7 +85,7 @@ tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error);
 /* Defined in twin_timing.c. After the rollback proof and before tl_exchange_start(): replaces
  * TL_KEEP_AUTO of each component by TL_KEEP_STATES or TL_KEEP_NONE. If all components have
  * TL_KEEP_NONE, drops the caches, and the ledger predicts only by structure. Repeats the first
- * step at most 15 times, for at most 5 ms for each component. Keeps states without a clock, with
+ * step at most 16 times, for at most 5 ms for each component. Keeps states without a clock, with
  * rollback by replay, or if a component can hold only one state. Errors: TL_FMU_FAILED or
  * TL_FMU_FATAL if a component cannot be restored. */
 tl_status tl_twin_choose_keep(tl_twin *twin, tl_error *error);

@@ -47,8 +47,8 @@ typedef struct tl_read_back {
 tl_status tl_twin_write_states(tl_twin *twin, unsigned char *bytes, size_t capacity, size_t *size, tl_read_back *here,
                                tl_error *error);
 
-/* Initialises the FMUs of a new twin as a restart from a checkpoint does, with bad samples of the
- * plant. Without this call the FMUs are only instantiated. */
+/* Initialises the FMUs of a new twin as a restart from a checkpoint does. The samples of the plant
+ * have quality TL_NO_LINK. Without this call the FMUs are only instantiated. */
 tl_status tl_twin_prepare_reader(tl_twin *twin, tl_error *error);
 
 /* Loads one component's state and executes its steps. Afterwards only this function and

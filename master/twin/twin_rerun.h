@@ -32,7 +32,7 @@ typedef struct tl_rerun_target {
     const char *component_name;
     const tl_variable *variable;
     const char *unit; /* "": none */
-    double value;     /* when the target was read: û, input or parameter */
+    double value;     /* û, input or parameter, at the time of tl_rerun_target_get() */
     size_t index;     /* private */
 } tl_rerun_target;
 

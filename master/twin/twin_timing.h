@@ -38,9 +38,9 @@ typedef struct tl_twin_timing {
 void tl_twin_time_component(tl_twin *twin, size_t component, tl_time (*now)(void *clock), void *clock, tl_time longest,
                             tl_twin_timing *timing);
 
-/* Returns a ratio of times that a search takes for this component: with TL_KEEP_NONE, divided by
- * that with TL_KEEP_STATES. Assumes that the search uses all evaluations of the budget; the solver
- * secant: two. timing->rounds must be above 0. */
+/* Returns how much longer a search takes for this component with TL_KEEP_NONE: its time divided by
+ * that with TL_KEEP_STATES. Assumes that the search uses all evaluations of the budget, but two
+ * with the solver secant. timing->rounds must be above 0. */
 double tl_twin_part_without_states(const tl_twin *twin, size_t component, const tl_twin_timing *timing);
 
 #endif
