@@ -995,8 +995,8 @@ tl_status tl_history_events(tl_history *history, const tl_history_run *run, cons
     int found = ROWS_AT_ONCE;
     tl_status status = most < 0 ? TL_OK : query_row(history, first, run->run, most, from_at, &statement, error);
     if (statement != NULL) {
-        const int64_t oldest = sqlite3_column_int64(statement, 0);
-        last = oldest > 0 ? oldest - 1 : 0;
+        const int64_t oldest = sqlite3_column_int64(statement, 0); /* NULL: no event is wanted, or there is none */
+        last = sqlite3_column_type(statement, 0) == SQLITE_NULL ? INT64_MAX - 1 : oldest > 0 ? oldest - 1 : 0;
         (void)sqlite3_finalize(statement);
     }
     status = status == TL_OK ? tl_database_prepare(history->database, sql, &statement, error) : status;
