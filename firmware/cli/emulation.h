@@ -37,9 +37,9 @@ double tl_random_normal(tl_random *noise);
  * Purpose: supplies the rows that `twinlock plant` serves. With FMUs, the configuration's
  *          co-simulation runs without corrections. Each row has the columns of `emulate`, with
  *          noise added.
- * Time:    the first row has time 0. Rows of a recording have its times. With FMUs, rows come at
- *          random message times, or every T_S if `emulate` defines none. A row has the values of
- *          the newest step at or before its time.
+ * Time:    the first row has time 0. Rows from a recording keep the recorded intervals. With FMUs,
+ *          rows come at random message times, or every T_S if `emulate` defines none. A row has the
+ *          values of the newest step at or before its time.
  * Thread:  one thread.
  */
 
