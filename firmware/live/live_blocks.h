@@ -108,7 +108,7 @@ typedef struct tl_live_twin_status {
     uint32_t begun;              /* 1: the twin does not need resume data any more */
     uint64_t fmus;               /* identity number of its FMU files (identity.h), not their count; 0: none; kept */
     char digest[TL_SHA256_TEXT]; /* SHA-256 of the content of the FMU files; set before a request; kept */
-    uint32_t loads;              /* 1: it loads a checkpoint, or has not made a step since then; kept */
+    uint32_t loads;              /* 1: it loads a checkpoint, or has not made enough steps since to trust it; kept */
     uint64_t unreadable;    /* by the supervisor: `fmus` of a process that ended while `loads` was 1; 0: none; kept */
     tl_live_request resume; /* newest request for resume data; of a shadow: for samples; 0: none */
     int64_t resumed_from;   /* shadow: first tick of the requested samples; written before `resume` */
@@ -285,7 +285,7 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
 
 /* ---- Recorded samples for a shadow: the recorder's side.
  *
- * Purpose: only the recorder reads the database of a run. In its status block, the shadow requests
+ * Purpose: a shadow cannot open the database of the run. In its status block, the shadow requests
  *          the samples from a certain tick on. The recorder copies these samples to the resume
  *          block of the shadow's slot (resume.h).
  * Trust:   the shadow is untrusted. It gets only recorded samples, at most the size of the block.
