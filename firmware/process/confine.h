@@ -53,7 +53,7 @@ typedef struct tl_confine_settings {
      * sanitizer's own memory is larger. */
     uint64_t memory;
     uint32_t user;      /* user and group ID to change to, needs root; the group needs access to `folder`; 0: none */
-    int start_socket;   /* the only socket that allows sendmsg(), to hand over the listener; -1: none */
+    int start_socket;   /* the only socket that allows sendmsg(), to pass on `listener` (tl_confine()); -1: none */
     bool whole_process; /* applies the system call list to all threads, else to the caller's */
     const tl_plant_access *plant; /* what the plant driver of the process needs; NULL: no driver */
     bool names;                   /* the driver resolves host names */
@@ -61,16 +61,16 @@ typedef struct tl_confine_settings {
     size_t port_count;
     bool keeps_files;    /* see Others above */
     bool is_server;      /* see Others above */
-    bool only_denies;    /* true: signalling or tracing another process fails; false: it kills this process */
-    int landlock;        /* private: version in use; 0: none */
-    int landlock_newest; /* highest version to use, for tests; -1: no Landlock; 0: that of the kernel */
+    bool only_denies;    /* true: signalling or tracing another process only fails; false: it kills this process */
+    int landlock;        /* private: Landlock version in use; 0: none */
+    int landlock_newest; /* highest Landlock version to use, for tests; -1: no Landlock; 0: that of the kernel */
 } tl_confine_settings;
 
-/* What is enforced, or what the kernel supports. */
+/* What tl_confine() enforces, or what the kernel supports (tl_confine_probe()). */
 typedef struct tl_confine_facts {
     bool filter;   /* filter of system calls */
     bool notifies; /* refused calls can be reported (refusal.h) */
-    int landlock;  /* version ("ABI"); 0: none */
+    int landlock;  /* version of Landlock ("ABI"); 0: none */
     bool memory;   /* memory limit */
     bool user;     /* separate user: protects files of other users also without Landlock */
 } tl_confine_facts;
@@ -107,13 +107,13 @@ void tl_confine_describe(const tl_confine_facts *facts, char text[TL_CONFINE_TEX
  * Thread:  any.
  */
 
-/* Return true if the kernel supports filters, and if it can report refused calls. */
+/* Return true if the kernel supports filters (first), or can report refused calls (second). */
 bool tl_filter_is_offered(void);
 bool tl_filter_can_notify(void);
 
-/* Loads the filter. If `listener` is NULL, refused calls are not reported. Else *listener becomes a
- * descriptor. It is -1 if the kernel cannot report calls, or if another process already receives
- * them.
+/* Loads the filter. If `listener` is NULL, refused calls are not reported. Else *listener becomes
+ * the descriptor for tl_refusal_take(), or -1 if the kernel cannot report calls, or if another
+ * process already receives them.
  * Errors:  TL_TRY_AGAIN if the filter could not be loaded. */
 tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_error *error);
 
