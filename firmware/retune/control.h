@@ -80,7 +80,7 @@ typedef struct tl_control_request {
     uint32_t unused;      /* padding */
     double require_lock;  /* percent of the steps in lock, in comparison and probation, at most 100; < 0: 95 */
     uint64_t
-        version; /* of READ and ROLL_BACK: number of a version; 0: for READ the active version, for ROLL_BACK see above */
+        version; /* READ and ROLL_BACK: number of a version; 0: for READ the active version, for ROLL_BACK see above */
     char hash[TL_SHA256_TEXT];     /* SHA-256 of the candidate; "": no candidate */
     char if_match[TL_SHA256_TEXT]; /* SHA-256 of the configuration that must be active; "": any */
     char who[TL_CONTROL_NAME];     /* name of the user */
