@@ -54,8 +54,8 @@ void tl_text_for_people(const char *text, char *copy, size_t size);
 
 /* ---- Reader of a small JSON object that this program has written earlier. The text is untrusted.
  *
- * Purpose: reads a few members by their keys. It reports no position of an error; for that, use
- *          firmware/config/json_document.h.
+ * Purpose: reads a few members by their keys. It does not report the position of an error;
+ *          json_document.h does.
  * Use:     read all members, then check `right`.
  * Errors:  if a member is missing or has another type, `right` becomes false and the function
  *          returns 0, false or "".

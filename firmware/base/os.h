@@ -168,8 +168,8 @@ typedef struct tl_latest {
 } tl_latest;
 
 /* Write and read the value. `size`: bytes, at most 8·TL_LATEST_WORDS, and the same in all calls of
- * the writer. A reader may read more bytes, which are 0. tl_latest_read() returns false if no
- * consistent value could be read. */
+ * the writer. A reader may read more bytes than were written; the additional bytes are 0.
+ * tl_latest_read() returns false if no consistent value could be read. */
 void tl_latest_publish(tl_latest *latest, const void *data, size_t size);
 bool tl_latest_read(const tl_latest *latest, void *data, size_t size);
 

@@ -70,8 +70,8 @@ enum {
     TL_LIVE_QUEUES
 };
 
-/* Largest size in bytes of a checkpoint, and of the resume data that a new run reads from the
- * database. Pages take memory only when they are used. */
+/* Largest size in bytes of a checkpoint, and of the content of a resume block (resume.h). Pages
+ * take memory only when they are used. */
 #define TL_LIVE_CHECKPOINT_BYTES ((size_t)32 * 1024 * 1024)
 #define TL_LIVE_RESUME_BYTES TL_RESUME_MOST
 

@@ -62,8 +62,8 @@ tl_status tl_block_make_of(const char *name, const void *bytes, size_t size, tl_
 
 /* Maps a block that another process has made: for writing only if `writer` is TL_BLOCK_THEY_WRITE.
  * The block must have exactly `size` bytes (0: any size above 0). If the kernel supports seals, the
- * size must be sealed; with TL_BLOCK_IS_WRITTEN also the content. The block owns the descriptor; on
- * failure the descriptor is closed. */
+ * size must be sealed; with TL_BLOCK_IS_WRITTEN also the content. The block then owns `descriptor`;
+ * on failure `descriptor` is closed. */
 tl_status tl_block_take(int descriptor, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
 
 /* For the process that writes the block: sets all bytes to zero and returns their memory to the

@@ -13,12 +13,13 @@
  * files (Landlock controls reading, not stat()). It can use all processor time, and read the listed
  * folders. It can fill the disk with removed but still open files, up to the limits of file size
  * and of bounds.h.
- * Others:  a process without FMUs also drops what it does not need. With `plant` it can still open
- *          what its plant driver needs, but no other kind of socket or device. It can connect by
- *          TCP to `ports` only, from Linux 6.7 on. With `keeps_files` a recorder can remove and
- *          rename files below its writable folders, and change mode and owner of open files.
- *          Neither can listen, start programs or reach a local socket. With `is_server` a server
- *          that already listens can accept connections, and connect to local sockets only.
+ * Others:  a process without FMUs also drops what it does not need. With `plant`, an io process can
+ *          still open what its plant driver needs, but no other kind of socket or device. From
+ *          Linux 6.7 on, it can connect by TCP to `ports` only. With `keeps_files`, a recorder can
+ *          remove and rename files below its writable folders, and change mode and owner of open
+ *          files. Neither of these can listen, start programs or reach a local socket. With
+ *          `is_server`, a server that already listens can accept connections, and connect to local
+ *          sockets only.
  * Thread:  call from the thread that will load FMUs, preferably before other threads exist.
  *          Landlock and capabilities apply to the calling thread and the threads that it starts.
  *          With whole_process the system call list, the limits and the user apply to all threads.

@@ -244,7 +244,7 @@ void tl_activation_begin(tl_activation *activation, const tl_activation_settings
 /* Returns true if no change is in progress and no version is on probation. */
 bool tl_activation_is_idle(const tl_activation *activation);
 
-/* Returns true if a change is in progress: no other can begin. A probation is none. */
+/* Returns true if a change is in progress, so that no other can begin; false on probation. */
 bool tl_activation_is_busy(const tl_activation *activation);
 
 /* Returns the seconds that remain of the probation, rounded up; 0: no probation. */

@@ -16,8 +16,8 @@
 
 enum { TL_FINGERPRINT_TEXT = 96 }; /* bytes of a fingerprint's text, with the NUL */
 
-/* Fingerprints that clients compare, because no authority has signed the certificate. `pin` does
- * not change if the certificate is renewed with the same key. */
+/* Fingerprints that clients compare, because usually no authority has signed the certificate. `pin`
+ * does not change if the certificate is renewed with the same key. */
 typedef struct tl_fingerprint {
     char pin[TL_FINGERPRINT_TEXT]; /* "sha256//" and base64: SHA-256 of the public key, for `curl --pinnedpubkey` */
     char certificate[TL_FINGERPRINT_TEXT]; /* "AB:CD:…": SHA-256 of the certificate, as browsers show it */
