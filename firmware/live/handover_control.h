@@ -38,10 +38,10 @@
 typedef struct tl_handover_control {
     tl_handover *handover_block;
     tl_twin_slot *slots; /* TL_TWIN_SLOTS; slot 0 starts with the configuration of the command line */
-    const tl_live_config_manager_status *orders;
-    const tl_block *candidate;
-    const tl_live_recorder_status *recorder; /* NULL: nothing is recorded */
-    tl_time step;                            /* of the run, ns; it does not change */
+    const tl_live_config_manager_status *orders; /* has the newest request of the config manager */
+    const tl_block *candidate;                   /* a tl_live_candidate, written by the config manager */
+    const tl_live_recorder_status *recorder;     /* NULL: nothing is recorded */
+    tl_time step;                                /* of the run, ns; it does not change */
     bool unconfined; /* permits components with `unconfined`: FMUs with all rights of the user */
     void *context;
     void (*report)(void *context, const char *text); /* reports a handover: log and event */

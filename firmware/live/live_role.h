@@ -25,8 +25,8 @@
 #define TL_LIVE_EXPLAINER "explainer"
 #define TL_LIVE_TWIN "twin"
 #define TL_LIVE_TWIN_SHADOW "twin, shadow"
-/* A handover changes one of the two titles above to the other. Blanks after the shorter title,
- * which reserve room for the longer one (tl_role_entitle()). */
+/* A handover changes one of the two titles above to the other. These blanks after the
+ * shorter title reserve room for the longer one (tl_role_entitle()). */
 #define TL_LIVE_TWIN_ROOM "        "
 
 /* Reads the configured sources of the plant into the sample buffers. */

@@ -38,7 +38,7 @@ typedef struct tl_restarts {
     unsigned failures;               /* not forgiven; at most TL_RESTARTS_MOST */
     unsigned tries;                  /* retries from safe hold since all failures were forgiven */
     bool interrupted;                /* the previous supervisor did not end in an orderly way */
-    char reason[TL_RESTARTS_REASON]; /* why the twin starts; "": no special reason */
+    char reason[TL_RESTARTS_REASON]; /* why the twin starts this time; "": no special reason */
     uint64_t unreadable;             /* identity number of the FMU files whose saved state ended a process; 0: none */
     /* private */
     char path[PATH_MAX]; /* of the file; "": not saved */
