@@ -12,13 +12,13 @@
 /* How a change takes effect, from the smallest effect to the largest. */
 typedef enum tl_change_kind {
     TL_CHANGE_NONE,     /* all values are the same */
-    TL_CHANGE_IN_PLACE, /* the twin applies it at the start of a tick, and keeps its state and learned values */
+    TL_CHANGE_IN_PLACE, /* the running twin applies it at the start of a tick, and keeps its state and learned values */
     TL_CHANGE_NEW_TWIN, /* other FMUs, parameters, connections or search: a second twin (shadow) replaces the twin */
     TL_CHANGE_RESTART,  /* sources, signals, cycle, database and all others: the run restarts */
     TL_CHANGE_KINDS
 } tl_change_kind;
 
-/* What a user may do, and what a change needs. Each right includes those before it.
+/* What a user may do; and the right that a change needs. Each right includes those before it.
  * TL_RIGHT_COMMISSION is needed for a change that does one of these:
  * - names a host, port, device, interface or component;
  * - changes electrical settings of a line, for example a pull-up resistor;
@@ -39,9 +39,9 @@ typedef enum tl_change_right {
 
 /* Origin of a configuration version. A request has one of the first three. */
 typedef enum tl_change_origin {
-    TL_ORIGIN_RELOAD,  /* `twinlock reload`; of a version: with the text of the run's own file */
+    TL_ORIGIN_RELOAD,  /* `twinlock reload`; in a version: with the text of the run's own configuration file */
     TL_ORIGIN_NETWORK, /* twinlock-serve */
-    TL_ORIGIN_LIMITED, /* `twinlock reload --right`: the caller limits itself to a lower right than TL_RIGHT_BOX */
+    TL_ORIGIN_LIMITED, /* `twinlock reload --right`: the user limits the request to a lower right than TL_RIGHT_BOX */
     TL_ORIGIN_START,   /* the run's own file, read at the start of a run: the first version, or the file had changed */
     TL_ORIGIN_HAND,    /* `twinlock reload` with another text than that of the run's own file; only in versions */
     TL_ORIGINS
@@ -51,8 +51,8 @@ extern const char *const tl_change_kinds[TL_CHANGE_KINDS]; /* "none", "in place"
 extern const char *const tl_change_rights[TL_RIGHTS];      /* "read", "retune", "commission", "on the box" */
 extern const char *const tl_change_origins[TL_ORIGINS];    /* "reload", "network", "limited", "start", "hand" */
 
-/* Parses the name of a right that a user may claim: every right except TL_RIGHT_BOX. For another
- * `word` returns false and does not change *right. */
+/* Parses the name of a right that a user may claim: every right except TL_RIGHT_BOX. For any other
+ * `word`, returns false and leaves *right unchanged. */
 bool tl_change_right_of(const char *word, tl_change_right *right);
 
 #endif

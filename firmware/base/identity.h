@@ -30,8 +30,8 @@ void tl_sha256(const void *data, size_t size, char text[TL_SHA256_TEXT]);
 
 enum { TL_IDENTITY_TEXT = 128, TL_IDENTITY_FILES = 64 }; /* bytes of a text with its NUL; number of files */
 
-/* Computes SHA-256 over the digests of files, in their order. `count` is at most TL_IDENTITY_FILES.
- * Sets "" if a file cannot be read or is empty, or if memory is out. */
+/* Computes one SHA-256 over the SHA-256 digests of these files, in their order. `count` is at most
+ * TL_IDENTITY_FILES. Sets "" if a file cannot be read or is empty, or if memory is out. */
 void tl_identity_files(const char *const *paths, size_t count, char text[TL_SHA256_TEXT]);
 
 /* Computes SHA-256 of a file that is open for reading; its offset does not change. Returns false
@@ -46,7 +46,7 @@ void tl_identity_open_files(const int *descriptors, size_t count, char text[TL_S
 uint64_t tl_identity_number_of_open_files(const int *descriptors, size_t count);
 
 /* Returns true if a text from another process has the form of a digest: "" or 64 hexadecimal digits
- * in lower case. The text may have no NUL. */
+ * in lower case. The text may lack a NUL. */
 bool tl_identity_is_sound(const char text[TL_SHA256_TEXT]);
 
 /* Sets the kernel's ID of this boot; "" if there is none. Times of CLOCK_MONOTONIC are valid within

@@ -13,11 +13,11 @@
 #include "master/base/arena.h"
 #include "master/base/status.h"
 
-/* ---- Validation of a JSON text: strict (RFC 8259), before a parser reads it.
+/* ---- Strict validation of a JSON text (RFC 8259) before a parser reads it.
  *
  * Purpose: cJSON accepts 01, 1e999, invalid UTF-8, a byte order mark and text after the end, and
- *          has no line numbers. This check rejects all of these, reports the position, and records
- *          the line of each value.
+ *          has no line numbers. This check rejects all of these, reports the position of the error,
+ *          and records the line of each value.
  * Stricter: rules in addition to those of the RFC. No \u0000, because texts are C strings. No
  *           number that is infinite as a double. At most TL_JSON_NUMBER_CHARS characters in a
  *           number, because cJSON would truncate a longer one. At most TL_JSON_MAX_DEPTH levels of
@@ -38,7 +38,7 @@ typedef struct tl_json_lines {
     size_t count;
 } tl_json_lines;
 
-/* Validates `text` (`size` < 4 GiB, no NUL needed). Allocates `lines` in the arena.
+/* Validates `text` (`size` < 4 GiB, no NUL needed). Sets *lines, allocated in the arena.
  * Errors:  TL_BAD_DATA for the first error, "line 3, column 7: found …, expected …" (columns count
  *          characters, from 1); TL_TRY_AGAIN if memory is out. */
 tl_status tl_json_text_check(const char *text, size_t size, tl_arena *arena, tl_json_lines *lines, tl_error *error);
@@ -52,11 +52,11 @@ bool tl_text_is_plain(const char *text);
  * in "…". `size`: bytes of `copy`, at least 8. */
 void tl_text_for_people(const char *text, char *copy, size_t size);
 
-/* ---- Reader of a small JSON object that this program has written earlier; treats it as untrusted.
+/* ---- Reader of a small JSON object that this program has written earlier. The text is untrusted.
  *
- * Purpose: reads a few members by their keys. To report the position of an error in a file, use
- *          firmware/config/json_document.h.
- * Use:     check `right` after all members are read.
+ * Purpose: reads a few members by their keys. It does not report the position of an error;
+ *          json_document.h does.
+ * Use:     read all members, then check `right`.
  * Errors:  if a member is missing or has another type, `right` becomes false and the function
  *          returns 0, false or "".
  * Owner:   the caller frees the reader; texts from it are valid until then.
@@ -70,15 +70,15 @@ typedef struct tl_json_reader {
     bool right;         /* no error so far */
 } tl_json_reader;
 
-/* Calls tl_json_text_check(), then parses `text` (no NUL needed). If the check rejects the text or
- * memory is out, `right` is false. */
+/* Checks `text` as tl_json_text_check() does, then parses it (no NUL needed). If the check rejects
+ * the text or memory is out, `right` is false. */
 tl_json_reader tl_json_reader_of(const char *text, size_t size);
 
 /* Parses a file of at most 16 KiB. If it cannot be read, `right` is false. */
 tl_json_reader tl_json_file_read(const char *path);
 
 /* Each of these reads the first member with this key. A count is a number ≥ 0 and < 9e15, rounded
- * down. tl_json_has() returns true if the key exists; it ignores the case of letters. */
+ * down. tl_json_has() only returns true if the key exists; it ignores the case of letters. */
 uint64_t tl_json_count(tl_json_reader *reader, const char *key);
 bool tl_json_has(const tl_json_reader *reader, const char *key); /* for members that older versions do not write */
 double tl_json_number(tl_json_reader *reader, const char *key);
@@ -89,12 +89,12 @@ void tl_json_reader_free(tl_json_reader *reader);
 
 /* ---- Writer: builds one JSON object in memory and writes it completely or not at all.
  *
- * Purpose: each call adds a value at the end of the innermost open object or array. `key` is NULL
- *          in an array. Writing the object does not need tl_json_close() before.
+ * Purpose: each call adds a value at the end of the innermost open object or array. In an array,
+ *          `key` is NULL. Before the object is written, open levels need not be closed.
  * Numbers: 15 digits; 17 if the relative error of 15 digits exceeds 2^-52. A number that is not
  *          finite becomes null, because JSON has neither NaN nor infinity. Counts are exact up to
  *          10^15.
- * Errors:  if memory is out, only the functions that write the object report this.
+ * Errors:  only the functions that write the object report that memory was out.
  * Owner:   the caller frees the writer; keys and texts are copied.
  * Thread:  one thread.
  */
@@ -137,8 +137,8 @@ tl_status tl_json_writer_print(const tl_json_writer *writer, FILE *file, tl_erro
 tl_status tl_json_file_write(const tl_json_writer *writer, const char *path, tl_error *error);
 
 /* Writes the object as one line without a newline, and a NUL. Returns the length of the line; 0 if
- * memory was out or the line does not fit into `room` bytes. cJSON needs a few bytes of `room` more
- * than the line has. */
+ * memory was out or the line does not fit into `room` bytes. `room` must be a few bytes longer than
+ * the line, because cJSON needs them. */
 size_t tl_json_writer_line(const tl_json_writer *writer, char *line, size_t room);
 
 void tl_json_writer_free(tl_json_writer *writer);

@@ -6,11 +6,11 @@
  *          that cannot be displayed (text.h) become "?".
  * Limits:  a text has at most TL_LOG_TEXT − 1 bytes; a longer one is truncated and ends in "…".
  *          tl_log_limited() drops messages beyond `per_second` of a limiter, and those that stderr
- *          cannot accept at once. Their number is logged before the limiter's next message in a
- *          later second, or by tl_log_limiter_end().
- * Status:  on a terminal, a status line is redrawn in the same row. Every log line first erases it,
- *          in the same write. Exception: if another thread logs while the first status line is
- *          drawn, its line may follow in the same row, once.
+ *          cannot accept at once. The number of dropped messages is logged before the limiter's
+ *          next message in a later second, or by tl_log_limiter_end().
+ * Status:  on a terminal, a status line is redrawn in the same row. Every log line first erases the
+ *          status line, in the same write. Exception: if another thread logs while the first status
+ *          line is drawn, the log line may follow in the same row, once.
  * Thread:  functions that write may block on stderr, so the real-time cycle must not call them.
  *          tl_log_limited() takes no lock and does not wait for stderr, so an FMU may call it
  *          during a step.
@@ -36,7 +36,8 @@ typedef enum tl_log_level {
     TL_LOG_DEBUG = 7
 } tl_log_level;
 
-/* Used instead of a level for a line that has none, for example of an FMU; always logged. */
+/* Instead of a level, for a line without one, for example of an FMU. Such a line is always logged.
+ */
 enum { TL_LOG_FOREIGN = -1 };
 
 /* From now on drops messages with a higher number than `level`. Default: TL_LOG_NOTICE. */
@@ -49,8 +50,8 @@ void tl_log_use_levels(void);
 /* Logs a message; `format` as for printf(). May wait for stderr. Does not change errno. */
 void tl_log(tl_log_level level, const char *format, ...) TL_PRINTF(2, 3);
 
-/* Logs a line without a prefix, whatever the level is. The line must have no control characters:
- * clean it first (tl_clean_text()). The line is truncated to TL_LOG_PLAIN bytes. */
+/* Logs a line without a prefix, whatever tl_log_set_level() has set. The line must have no control
+ * characters: clean it first (tl_clean_text()). The line is truncated to TL_LOG_PLAIN bytes. */
 void tl_log_plain(const char *line);
 
 /* Logs a line of another process, clean as for tl_log_plain(). `level`: a tl_log_level, or

@@ -3,8 +3,8 @@
  * Purpose: a signal that becomes good and bad many times per second would fill the log. Lines that
  *          differ only in numbers are of one kind. The first TL_LOG_REPEATS_FIRST lines of a kind
  *          are logged, later lines are counted. The last counted line is logged with the count: one
- *          minute after it, one hour after the first counted line, or at the end. So the last line
- *          of each kind is always logged. After a minute without lines, a kind starts again.
+ *          minute after that line, one hour after the first counted line, or at the end. So each
+ *          kind's last line is always logged. After a minute without lines, a kind starts again.
  * Order:   counts that are due together are logged in the order of their last lines.
  * Limits:  TL_LOG_REPEATS_KINDS kinds are remembered. A further kind replaces the one that was
  *          silent for the longest time, whose count is logged first. A counted line has at most

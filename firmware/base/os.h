@@ -45,32 +45,32 @@ void tl_clock_sleep_until(tl_time instant);
  *
  * Purpose: measures the size of an FMU's saved state by the growth of the heap, because an FMU
  *          seldom reports this size.
- * Limits:  counts malloc() and similar functions, in all threads. An FMU's own allocator, and its
- *          heap for rollback by memory (fmu_heap.h), are not counted.
+ * Limits:  counts malloc() and similar functions, in all threads. Not counted: memory of an FMU's
+ *          own allocator, and the heap that an FMU gets for rollback by memory (fmu_heap.h).
  * Thread:  any.
  */
 
 /* Returns the number of allocated bytes, including the allocator's own overhead. */
 size_t tl_heap_used(void);
 
-/* Makes room for one more element after the first `count`, each of `size` bytes, and returns the
- * array. Reallocates it if `count` is 0 (`array` NULL) or a power of two. Returns NULL if memory is
- * out; then the array is unchanged. */
+/* Makes room for one more element in an array of `count` elements of `size` bytes each, and returns
+ * the array. `array`: NULL if `count` is 0. Reallocates it only if `count` is 0 or a power of two.
+ * Returns NULL if memory is out; then the array is unchanged. */
 void *tl_array_grown(void *array, size_t count, size_t size);
 
 /* ---- Shortages: detects that an operation failed only because descriptors, memory or disk space
  * ran out.
  *
- * Purpose: the file is not the cause of such a failure, and the shortage may end. So the failure is
- *          reported as TL_TRY_AGAIN, not TL_BAD_DATA, and the caller retries.
+ * Purpose: such a failure does not mean that the file is bad, and the shortage may end. So the
+ *          caller reports TL_TRY_AGAIN, not TL_BAD_DATA.
  * Thread:  any.
  */
 
 /* Returns true if `code`, an errno value, is a shortage. */
 bool tl_shortage_is(int code);
 
-/* Returns true if a message of the C library, for example from dlerror(), contains the text of such
- * a code. */
+/* Returns true if a message of the C library, for example from dlerror(), contains the text of an
+ * errno value that is a shortage. */
 bool tl_shortage_is_reported(const char *sentence);
 
 /* ---- Bytes of an open file, read or written completely despite interruptions by signals.
@@ -93,8 +93,8 @@ bool tl_file_bytes_write(int file, const void *bytes, size_t size);
 /* ---- New file: appears completely or not at all.
  *
  * Purpose: the file is written as FILE.new- plus six characters and renamed to FILE at the end.
- *          Until then an existing FILE stays. So it also stays if the program is interrupted or the
- *          disk is full.
+ *          Until then an existing FILE stays, also if the program is interrupted or the disk is
+ *          full.
  * Rules:   a regular file is replaced, also through a link. A device, a FIFO, a folder and a broken
  *          link are rejected. The permissions of a replaced file are kept. The option `--db` has
  *          the same rules.
@@ -119,8 +119,8 @@ tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error);
  * file systems support this; that is no error. */
 void tl_folder_sync(const char *path);
 
-/* Returns true if both names are equal or refer to the same file, so that a new file at `path`
- * would replace `other`. */
+/* Returns true if both names are equal or refer to the same file: then a new file at `path` would
+ * replace `other`. */
 bool tl_new_file_would_replace(const char *path, const char *other);
 
 /* Closes and deletes the temporary file. A zeroed struct is allowed. */
@@ -146,9 +146,9 @@ int tl_tcp_listen(const struct sockaddr *address, size_t size, int backlog, uint
 
 enum { TL_OTHER_CASE_TEXT = 320 }; /* bytes of the text with its NUL */
 
-/* Returns `text`, the end of an error message about `path`: "; did you mean Config.json? (upper and
- * lower case differ)". `text` is empty if the file exists, or if its folder has no such name. Only
- * the case of ASCII letters is ignored. */
+/* Writes the end of an error message about `path` to `text`, and returns `text`: "; did you mean
+ * Config.json? (upper and lower case differ)". `text` is "" if the file exists, or if its folder
+ * has no such name. Only the case of ASCII letters is ignored. */
 const char *tl_other_case(const char *path, char text[TL_OTHER_CASE_TEXT]);
 
 /* ---- Latest value: shares the newest copy of a small struct between one writer and any number of
@@ -156,7 +156,7 @@ const char *tl_other_case(const char *path, char text[TL_OTHER_CASE_TEXT]);
  *
  * Purpose: for example, the real-time cycle publishes its state, and the status line reads it. The
  *          value may lie in memory that several processes share.
- * Bound:   a read is tried TL_LATEST_TRIES times while the writer changes the value, then it fails.
+ * Bound:   a read that meets a write is tried again, TL_LATEST_TRIES times in all; then it fails.
  */
 
 enum { TL_LATEST_WORDS = 1024, TL_LATEST_TRIES = 8 };
@@ -168,8 +168,8 @@ typedef struct tl_latest {
 } tl_latest;
 
 /* Write and read the value. `size`: bytes, at most 8·TL_LATEST_WORDS, and the same in all calls of
- * the writer. A reader may read more bytes, which are 0. tl_latest_read() returns false if no
- * consistent value could be read. */
+ * the writer. A reader may read more bytes than were written; the additional bytes are 0.
+ * tl_latest_read() returns false if no consistent value could be read. */
 void tl_latest_publish(tl_latest *latest, const void *data, size_t size);
 bool tl_latest_read(const tl_latest *latest, void *data, size_t size);
 

@@ -25,8 +25,8 @@
 FILE *tl_output_claim(void);
 
 /* Flushes `output` and leaves it open. Call it after the last output. `status`: the result of the
- * verb so far. If a write failed and `status` is TL_OK or TL_NOT_LOCKED, logs an error and returns
- * TL_TRY_AGAIN. Otherwise returns `status`. */
+ * verb so far. If a write to `output` has failed and `status` is TL_OK or TL_NOT_LOCKED, logs an
+ * error and returns TL_TRY_AGAIN. Otherwise returns `status`. */
 tl_status tl_output_finish(FILE *output, tl_status status);
 
 /* ---- Progress of long work: one line on stderr, redrawn up to 5 times a second. Without a

@@ -25,7 +25,7 @@ typedef struct tl_verb_row {
     const char *usage;       /* for example "CONFIG [options]" */
     const char *noun;        /* the verb has one argument: "configuration"; NULL: the caller checks the arguments */
     const char *purpose;     /* for the list of verbs, half a line; NULL: not in the list */
-    const char *description; /* one paragraph, wrapped when printed */
+    const char *description; /* one paragraph for the help, wrapped when printed */
     const char *examples;    /* command lines; no newline after the last one */
 } tl_verb_row;
 
@@ -37,11 +37,11 @@ typedef struct tl_option {
     size_t offset;                                /* offset of `target` in the settings of the verb */
     const char *help;                             /* is wrapped when printed */
     const char *expected; /* description of valid values, for the error; NULL: `read` accepts all */
-    const char *needs;    /* name of an option of the same verb that must be given too, or NULL */
+    const char *needs;    /* name of an option of the same verb that must be given too; NULL: none */
     bool rare;            /* listed below the common options */
     bool alone;           /* at most one of the options with `alone` may be given */
-    bool changes;         /* has an effect only with a change: not allowed with an option with `only` */
-    bool only;            /* sends no change: not allowed with an option with `changes` */
+    bool changes;         /* affects a change that is sent: not allowed together with an option with `only` */
+    bool only;            /* no change is sent: not allowed together with an option with `changes` */
 } tl_option;
 
 typedef struct tl_option_table {
@@ -49,7 +49,7 @@ typedef struct tl_option_table {
     size_t verb_count;
     const tl_option *options; /* in the order of the help, rare ones last */
     size_t option_count;
-    size_t widest; /* columns; in the help, the text of a wider option begins on the next line */
+    size_t widest; /* columns; in the help, the text of an option that is wider begins on the next line */
 } tl_option_table;
 
 typedef enum tl_options_outcome {
@@ -65,7 +65,7 @@ typedef struct tl_option_list {
 } tl_option_list;
 
 /* Functions for tl_option.read. The first one stores true in a bool. The second one stores the text
- * in a const char *. The third one appends the text to a tl_option_list, and returns false if the
+ * in a const char *. The third one appends the text to a tl_option_list; it returns false if the
  * list is full. */
 bool tl_option_switch(const char *text, void *target);
 bool tl_option_text(const char *text, void *target);

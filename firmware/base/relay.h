@@ -1,4 +1,4 @@
-/* Relay: reads the output of another process from a pipe and forwards it as lines, with control
+/* Relay: reads the output of another process from a pipe and forwards it line by line, with control
  * characters escaped.
  *
  * Purpose: output of an FMU must not control the terminal, fake a line end, or change the text

@@ -42,7 +42,7 @@ void tl_clean_field(char *field, size_t room);
  * `indent`. Words are separated by one blank. */
 void tl_wrapped_print(FILE *file, const char *text, int first, int indent);
 
-/* The same if `column` columns of the first line are already printed. */
+/* As tl_wrapped_print(), if `column` columns of the first line are already printed. */
 void tl_wrapped_continue(FILE *file, const char *text, int column, int indent);
 
 /* ---- UTC for users and databases: "2026-11-21T10:02:03.456Z".
@@ -57,7 +57,7 @@ enum { TL_UTC_TEXT = 25 }; /* bytes, including the NUL */
 /* Returns milliseconds since 1970-01-01T00:00:00Z. Wait-free. */
 int64_t tl_utc_now(void);
 
-/* Formats a time. Times outside of the years 0 … 9999 are limited to this range. */
+/* Formats a time. A time outside of the years 0 … 9999 becomes the nearest one in them. */
 void tl_utc_text(int64_t milliseconds, char text[TL_UTC_TEXT]);
 
 /* Parses "2026-11-21", "2026-11-21T10:02", "2026-11-21T10:02:03" or "2026-11-21T10:02:03.456" (1 to
@@ -105,9 +105,9 @@ void tl_show_duration(double seconds, char *text, size_t size);
 /* Writes "12.4 MB"; units of 1000, from B to TB. */
 void tl_show_bytes(double bytes, char *text, size_t size);
 
-/* Draws one character per value; its height is scaled between the smallest and the largest value. A
- * value that is not finite is blank. A character needs 3 bytes with style.unicode, else 1.
- * Truncates to `size` bytes. */
+/* Draws one character per value; the height of the character is scaled between the smallest and the
+ * largest value. A value that is not finite is blank. A character needs 3 bytes with style.unicode,
+ * else 1. Truncates to `size` bytes. */
 void tl_show_curve(tl_show_style style, const double *values, size_t count, char *text, size_t size);
 
 /* Maximum number of columns of a table; bytes of a curve of 64 values. */

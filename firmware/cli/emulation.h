@@ -37,9 +37,9 @@ double tl_random_normal(tl_random *noise);
  * Purpose: supplies the rows that `twinlock plant` serves. With FMUs, the configuration's
  *          co-simulation runs without corrections. Each row has the columns of `emulate`, with
  *          noise added.
- * Time:    the first row has time 0. Rows of a recording have its times. With FMUs, rows come at
- *          random message times, or every T_S if `emulate` defines none. A row has the values of
- *          the newest step at or before its time.
+ * Time:    the first row has time 0. Rows from a recording keep the recorded intervals. With FMUs,
+ *          rows come at random message times, or every T_S if `emulate` defines none. A row has the
+ *          values of the newest step at or before its time.
  * Thread:  one thread.
  */
 
@@ -56,10 +56,10 @@ typedef struct tl_emulation_row {
 tl_status tl_emulation_open_recording(const char *path, const tl_config *config, tl_emulation **emulation,
                                       tl_error *error);
 
-/* Opens the rows that a built twin simulates in place of the plant. `model`: set its config (with
- * `emulate`), account and child; these must outlive the emulation. `driving`: path of the recording
- * that supplies the inputs. `seed`: of noise and message times. Errors: those of
- * tl_recording_open() and tl_twin_feed_open(); TL_TRY_AGAIN if memory is out. */
+/* Opens the rows that a built twin simulates in place of the plant. In `model`, the caller sets
+ * config (with `emulate`), account and child, which must outlive the emulation. `driving`: path of
+ * the recording that supplies the inputs. `seed`: of the random noise and message times. Errors:
+ * those of tl_recording_open() and tl_twin_feed_open(); TL_TRY_AGAIN if memory is out. */
 tl_status tl_emulation_open_model(const tl_twin_feed_settings *model, const char *driving, uint64_t seed,
                                   tl_emulation **emulation, tl_error *error);
 

@@ -1,12 +1,13 @@
 /* Horizon trials: replays a recording with several prediction horizons T_P, for `check`.
  *
  * Purpose: measures what horizon_choice.h compares. Each trial is a replay in a separate process.
- *          Its configuration has the proposed settings, one T_P, and released twins. The duration R
- *          of a release is the same in all trials: an eighth of the replayed time.
- * Order:   T_P = T_D first, then 2, 5, 10, 20, 50 … steps and the configured T_P. The trials end if
- *          the last one failed, took more than TL_HORIZON_LONGEST, or exceeded the time budget of a
- *          step. They also end if the replayed time is below TL_HORIZON_PARTS times the next T_P.
- *          The chosen T_P is tried again with the other value of "free_twin".
+ *          The configuration of a trial has the proposed settings, one T_P, and released twins. A
+ *          released twin runs for a duration R, the same in all trials: an eighth of the replayed
+ *          time.
+ * Order:   T_P = T_D first, then 2, 5, 10, 20, 50 … steps and the configured T_P, ascending. The
+ *          trials end if the last one failed, took more than TL_HORIZON_LONGEST, or exceeded the
+ *          time budget of a step. They also end if the replayed time is below TL_HORIZON_PARTS
+ *          times the next T_P. The chosen T_P is tried again with the other value of "free_twin".
  * Not for: an event horizon, a configuration that adjusts nothing, or a twin without released twins
  *          (tl_released_state).
  * Thread:  one, as for twin_child.h.
@@ -22,7 +23,7 @@ enum { TL_HORIZON_STEPS = 20000, TL_HORIZON_PARTS = 16 };
 #define TL_HORIZON_LONGEST (20 * TL_SECOND)
 
 typedef struct tl_horizon_trials_settings {
-    const tl_twin_child_settings *child; /* each trial copies it, with another text in the job */
+    const tl_twin_child_settings *child; /* each trial copies it and replaces the text of the configuration */
     const char *recording;               /* path of the recording */
     int64_t run;                         /* run of a recording that is a database; 0: the last */
     const char *patch;                   /* proposed settings, a JSON merge patch */

@@ -51,7 +51,7 @@ typedef struct tl_options {
     const char *subject; /* path of a configuration or, by verb, of a database; the only argument */
     bool variables;
     double call_limit_s;       /* longest call of an FMU, s; default 60 */
-    uint64_t memory_limit_mib; /* of the FMU process, MiB; 0: half of the machine's memory, at most 4096 MiB */
+    uint64_t memory_limit_mib; /* MiB for the FMU process; 0: half of the machine's memory, at most 4096 MiB */
     bool unconfined;
     const char *recording; /* path of a CSV file or a database to read */
     uint64_t run;          /* number of a run in a database; 0: the last run */
@@ -63,7 +63,7 @@ typedef struct tl_options {
     bool realtime;
     bool plain;
     double duration_s;   /* s; 0: as configured */
-    double require_lock; /* least share of the steps in lock, percent; 0: as tl_summary_require_lock() */
+    double require_lock; /* least share of the steps in lock, percent; 0: one step is enough (summary.h) */
     bool status;
     bool follow;
     bool supervise;
@@ -90,17 +90,17 @@ typedef struct tl_options {
     bool versions;
     bool show;            /* --state of reload */
     uint64_t acknowledge; /* number of a finding, ≥ 1; 0: not given */
-    uint64_t normal;      /* number of a finding, ≥ 1; 0: not given */
+    uint64_t normal;      /* number of a finding whose level is normal, ≥ 1; 0: not given */
     const char *note;
     uint64_t finding;   /* number of a finding, ≥ 1; 0: not given */
-    const char *beside; /* --config: path that the run's configuration had; its FMUs are searched from there */
+    const char *beside; /* --config: path that the run's configuration had; FMU file names are relative to its folder */
     bool foresee;       /* prints how large each change must be to be noticed; explains no finding */
     bool save;          /* stores the explanation with the finding */
     const char *why;
     uint32_t right;     /* a tl_change_right; default TL_RIGHT_BOX: all rights of a user on this computer */
-    double shadow_s;    /* whole s; 0: not given, so 60 s */
-    double probation_s; /* whole s; 0: not given, so 300 s */
-    double keep_lock;   /* --require-lock of reload: percent; 0: not given, so 95 % */
+    double shadow_s;    /* duration of the shadow, whole s; 0: not given, so 60 s */
+    double probation_s; /* duration of the probation, whole s; 0: not given, so 300 s */
+    double keep_lock;   /* --require-lock of reload: percent of the steps; 0: not given, so 95 % */
     int table;          /* --csv TABLE: a tl_show_csv_table; TL_OPTIONS_NO_TABLE: not given */
 } tl_options;
 

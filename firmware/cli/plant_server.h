@@ -3,10 +3,10 @@
  * Purpose: device for `twinlock plant` and for tests. The protocol is implemented here, without
  *          libmodbus, so that the driver and the device do not share mistakes.
  * Values:  coils, discrete inputs, holding and input registers of any number of units, defined by a
- *          list of channels. A table reaches from the first to the last register of its channels.
- *          Gaps in it read as 0. Addresses outside return the exception "illegal data address", and
- *          a unit without channels "gateway target failed". If channels overlap, the value set last
- *          counts.
+ *          list of channels. Each of these four tables of a unit reaches from the first to the last
+ *          register of its channels. Gaps in a table read as 0. A request outside of it returns the
+ *          exception "illegal data address", one to a unit without channels "gateway target
+ *          failed". If channels overlap, the value set last counts.
  * Limits:  8 clients at once; further connections are rejected. Functions 1 to 4 are supported; all
  *          others return "illegal function".
  * Thread:  the server has its own thread. set_all() and count() may be called from any thread,
@@ -33,7 +33,7 @@ typedef struct tl_plant_server_settings {
 } tl_plant_server_settings;
 
 typedef struct tl_plant_server_counts {
-    uint64_t requests;       /* all requests that were answered */
+    uint64_t requests;       /* all answered requests, including rejected ones */
     uint64_t refused_writes; /* of these, rejected writes: functions 5, 6, 15, 16, 22, 23 */
 } tl_plant_server_counts;
 

@@ -1,5 +1,6 @@
-/* Roles of the processes that this program starts (role.h): twin, states (loads only the FMU states
- * that another process has saved), io, recorder, config manager, explainer, worker.
+/* Roles of the processes that this program starts (role.h): twin (an FMU process), states (loads
+ * only the FMU states that another process has saved), io, recorder, config manager, explainer,
+ * worker.
  *
  * Thread:  the main thread.
  */

@@ -18,8 +18,8 @@
 /* Zeroed at first, except what the caller sets. */
 typedef struct tl_verb_job {
     const tl_options *options; /* set by the caller */
-    FILE *output;              /* result of tl_output_claim(); NULL: the verb prints no result */
-    bool counts_problems;      /* logs the number of problems in the configuration */
+    FILE *output;              /* set by the caller: see tl_output_claim(); NULL: the verb prints no result */
+    bool counts_problems;      /* set by the caller; true: tl_verb_job_read() also logs the number of problems */
     tl_config config;          /* of tl_verb_job_read() */
     tl_twin_job order;         /* for the FMU process; tl_verb_job_read() sets path, text and unconfined */
     tl_twin_child *child;      /* the FMU process; NULL: not started */
@@ -33,8 +33,9 @@ typedef struct tl_verb_job {
 tl_status tl_verb_job_read(tl_verb_job *job, const char *path, const char *text);
 
 /* Sets job->order to what the recorded run used: time, "keep" of the components, tunings, first
- * tick and checkpoint. The recording must outlive the start of the process. Errors: those of
- * tl_replay_check(), in job->error. */
+ * tick and checkpoint. If the configuration has a duration, that duration replaces the recorded
+ * one. The recording must outlive the start of the process. Errors: those of tl_replay_check(), in
+ * job->error. */
 tl_status tl_verb_job_use_recording(tl_verb_job *job, const tl_recording *recording);
 
 /* Checks the output file `path` that the command-line option `option` names. It must not be a file
@@ -52,8 +53,9 @@ tl_status tl_verb_job_start(tl_verb_job *job, FILE *results);
 tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, FILE *results);
 
 /* Ends the FMU process, if there is one, and frees everything. Logs job->error, and an error if the
- * process failed at its end. Returns the exit code for `status`; if that is TL_OK or TL_NOT_LOCKED
- * and the FMU process or the output failed, the code of that failure. */
+ * process failed at its end. Returns the exit code for `status`. If `status` is TL_OK or
+ * TL_NOT_LOCKED, but the FMU process or the output failed, returns the exit code for that failure.
+ */
 int tl_verb_job_end(tl_verb_job *job, tl_status status);
 
 #endif

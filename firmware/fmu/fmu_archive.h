@@ -1,8 +1,8 @@
 /* Unpacks an untrusted FMU (a ZIP file) into a new private folder.
  *
- * Purpose: creates nothing outside of that folder, and removes it if unpacking fails. The folder is
- *          a private folder (private_folder.h) of the kind "fmu". Each unpacking first removes the
- *          folders that terminated processes have left.
+ * Purpose: creates nothing outside of that folder, and removes the folder if unpacking fails. The
+ *          folder is a private folder (private_folder.h) of the kind "fmu". Each unpacking first
+ *          removes the folders that ended processes have left.
  * Links:   a symbolic link to a file of the archive becomes a copy of that file. No link is ever
  *          created.
  * Limits:  see below. Bytes are counted while they are written; the sizes stated in the archive are
@@ -30,17 +30,17 @@ enum {
     TL_FMU_ENTRIES = 10000,                  /* number of entries */
     TL_FMU_ENTRY_PATH = 1024,                /* bytes of an entry's path */
     TL_FMU_ENTRY_DEPTH = 64,                 /* parts of an entry's path, between slashes */
-    TL_FMU_LINKS = 8,                        /* symbolic links in a chain */
+    TL_FMU_LINKS = 8,                        /* maximum length of a chain of symbolic links */
     /* If the unpacked size exceeds TL_FMU_RATIO_FROM_BYTES, it may be at most TL_FMU_RATIO times
      * the size of the FMU file. */
     TL_FMU_RATIO_FROM_BYTES = 16 * 1024 * 1024,
     TL_FMU_RATIO = 200
 };
 
-/* Unpacks the FMU file at `path` into a new folder. `opened`: descriptor of the file if it is
- * already open (for a process that may not open files any more), which stays open; -1: the file is
- * opened by its path. `label` names the FMU in errors. On success the caller must later remove the
- * folder (tl_private_folder_remove()). On failure there is no folder. */
+/* Unpacks the FMU file at `path` into a new folder. `opened`: descriptor of the file if the caller
+ * has opened it (for a process that may not open files any more); it stays open. -1: this function
+ * opens `path`. `label` names the FMU in errors. On success the caller must later remove the folder
+ * (tl_private_folder_remove()). On failure there is no folder. */
 tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_private_folder *folder,
                                 tl_error *error);
 

@@ -11,9 +11,9 @@
 
 /* ---- Shared libraries that an FMU's binary expects in the program.
  *
- * Purpose: the binaries of some exporters use symbols that the host program must provide. For
- *          example, PythonFMU's binaries and the extension modules of Python use libpython. So such
- *          a library is opened with global symbols before the FMU is opened.
+ * Purpose: the binaries of some exporters use symbols of a library that they do not open
+ *          themselves. For example, PythonFMU's binaries and the extension modules of Python use
+ *          libpython. So such a library is opened with global symbols before the FMU is opened.
  * Owner:   the process. A library is never closed, because an interpreter that has run cannot be
  *          unloaded safely. The exit handlers of open libraries run at the end of the process
  *          (process_end.h).
@@ -21,9 +21,9 @@
  * Thread:  one thread at a time.
  */
 
-/* Opens a library; it may be open already. The loader searches for a `path` without a slash. With a
- * Python library, sets OPENBLAS_NUM_THREADS=1 if the variable is missing, because threads of NumPy
- * would prevent rollback by memory.
+/* Opens the library `path`, which may be open already. The loader searches for a `path` without a
+ * slash. With a Python library, sets OPENBLAS_NUM_THREADS=1 if the variable is missing, because
+ * threads of NumPy would prevent rollback by memory.
  * Errors:  TL_BAD_DATA if the library cannot be opened, or if it is a second Python library: all
  *          FMUs would use the symbols of the first one. TL_TRY_AGAIN if memory or descriptors are
  *          missing. */
@@ -42,16 +42,16 @@ tl_status tl_library_open(const char *path, tl_error *error);
  */
 
 /* Opens the binary and fills the guard. `folder`: absolute path of the completely unpacked FMU,
- * because the binary may load libraries from it. `label` names the FMU in errors. If no binary is
- * named as modelIdentifier, uses and logs the only binary in its folder, or one whose name differs
- * in letter case only. Libraries that share a name with those of another FMU are replaced by
- * renamed copies first (own_copies.h). State functions that the model does not claim are NULL in
- * the table. */
+ * because the binary may load libraries from that folder. `label` names the FMU in errors. If no
+ * binary has the name modelIdentifier, uses and logs the only binary in the folder for this
+ * machine, or one whose name differs in letter case only. Libraries that share a name with those of
+ * another FMU are replaced by renamed copies first (own_copies.h). State functions are NULL in the
+ * guard's table if the model description does not declare them. */
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
                              tl_error *error);
 
-/* Assigns the library `path`, opened by tl_library_open(), to the open FMU in `folder`. Then the
- * FMU's states contain the library's data, unless another FMU uses the library too. */
+/* Assigns the library `path`, opened by tl_library_open(), to the open FMU in `folder`. Then copies
+ * of the FMU's memory contain the library's data, unless another FMU uses the library too. */
 void tl_library_claim(const char *path, const char *folder, const tl_fmu_guard *guard);
 
 #endif

@@ -7,12 +7,12 @@
  *              thread, without a system call;
  *            - after loading, instantiating, initialising, resetting and freeing: restores all
  *              other process state that an FMU may have changed (host_state.h), and logs this once;
- *              at the ticks, tl_fmu_guard_tick() does this part by part;
- *            - leaves out a far stop time (TL_EXPERIMENT_FAR) for FMUs of OpenModelica;
+ *              at each tick, tl_fmu_guard_tick() does this for a part of the state;
+ *            - does not pass a far stop time (TL_EXPERIMENT_FAR) to FMUs of OpenModelica;
  *            - if the FMU refuses a start time other than 0: starts the FMU at 0, shifts its time,
  *              and logs this;
  *            - reports an error if the FMU returns fmi2OK without a state;
- *            - catches crashes in the FMU's own state functions until the rollback is proved: a
+ *            - until the rollback is proved, catches crashes in the FMU's own state functions: a
  *              crash counts as fmi2Error, so that the next rollback method is used. A crash in
  *              serialising is always caught and counts as fmi2Discard;
  *            - if the FMU is rolled back by memory (rollback/fmu_memory.h): serves its allocations
@@ -40,8 +40,8 @@
  * (guarded_fmu.h). */
 void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *generator);
 
-/* Call them before and after a call of the FMU that does not go through the table: opening its
- * binary, and reading its version. */
+/* Call these before and after a call of the FMU that does not go through the table: opening its
+ * binary, or reading its version. */
 void tl_fmu_guard_enter(tl_fmu_guard *guard, tl_fmu_function function);
 void tl_fmu_guard_leave(tl_fmu_guard *guard);
 
@@ -55,8 +55,8 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own);
 void tl_fmu_guard_close(tl_fmu_guard *guard);
 
 /* Restores process state that any FMU may have changed, and logs each kind of change once per
- * process. `whole` true: restores all of it; false: a part, with at most three system calls. After
- * TL_HOST_STATE_TURNS calls, all parts were restored. */
+ * process. `whole` true: restores all of this state; false: the next part, with at most three
+ * system calls if nothing has changed. TL_HOST_STATE_TURNS calls restore all parts. */
 void tl_fmu_guard_tick(bool whole);
 
 #endif

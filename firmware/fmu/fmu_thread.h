@@ -1,15 +1,15 @@
 /* The FMU thread: the one thread that calls functions of the FMUs, from loading to freeing.
  *
- * Purpose: FMI allows calls from any thread, but some FMUs need all calls from one thread. The
- *          cause is data in thread-local variables or in an interpreter's thread state. FMUs also
+ * Purpose: FMI allows calls from any thread, but some FMUs need all calls from one thread, because
+ *          they have data in thread-local variables or in an interpreter's thread state. FMUs also
  *          expect the stack size with which they were tested: TL_FMU_THREAD_STACK, the usual size
  *          of a main thread.
- * Jobs:    the thread executes one job after the other. While the caller waits for a job, it checks
- *          how long the current FMU call lasts, unless another process checks it.
+ * Jobs:    the thread executes one job after the other. While a caller waits for a job, it checks
+ *          how long the current FMU call lasts, unless another process does (tl_fmu_watch).
  * Signals: the thread blocks no signal, because programs that an FMU starts would inherit the mask.
- *          The main thread blocks none either. So the kernel delivers signals that request
- *          termination to the main thread (interrupt.h). SIGUSR1 wakes the FMU thread from a sleep;
- *          it is not sent during a call of an FMU.
+ *          The main thread blocks none either, and the kernel prefers it. So it gets the signals
+ *          that request termination (interrupt.h). SIGUSR1 wakes the FMU thread from a sleep; it is
+ *          not sent during a call of an FMU.
  * Thread:  all functions are called by the main thread, or by the thread that started the FMU
  *          thread.
  */
@@ -49,7 +49,7 @@ void tl_fmu_thread_begin(tl_fmu_thread *thread, tl_fmu_job *job, void *context);
  * the thread, so that the job notices the request. */
 void tl_fmu_thread_call(tl_fmu_thread *thread, tl_fmu_job *job, void *context);
 
-/* Waits until the job is done. Meanwhile wakes the thread from every sleep (SIGUSR1), so that the
+/* Waits until the job is done. Meanwhile wakes the thread from each sleep (SIGUSR1), so that the
  * job notices a request to end. */
 void tl_fmu_thread_wake_and_wait(tl_fmu_thread *thread);
 
@@ -58,8 +58,8 @@ void tl_fmu_thread_wake_and_wait(tl_fmu_thread *thread);
 tl_status tl_fmu_thread_run(tl_fmu_job *job, void *context);
 
 /* Checks the duration of the current FMU call once. Call it repeatedly if the caller does other
- * work while a job runs. With TL_FMU_WATCHED_ELSEWHERE it checks no duration. Then it only
- * reinstalls our signal handlers, because an FMU may have replaced them (interrupt.h). */
+ * work while a job runs. With TL_FMU_WATCHED_ELSEWHERE it checks no duration, but only reinstalls
+ * our signal handlers, because an FMU may have replaced them (interrupt.h). */
 void tl_fmu_thread_watch(tl_fmu_thread *thread);
 
 /* Returns the kernel's thread id (gettid), for scheduling. Valid after the first job is done. */

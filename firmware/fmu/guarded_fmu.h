@@ -17,35 +17,35 @@
 #include "master/fmi/fmi2.h"
 
 /* The caller provides the memory. Before the FMU is loaded, the caller sets `memory`, `by_memory`,
- * `may_replay`, `by_replay`, `most` and `is_free`. All other fields are private, except the first
- * two. "Proof": the rollback proof before a run (master/sync/proof.h). "Copy": a copy of the FMU's
- * memory. */
+ * `may_replay`, `by_replay`, `most` and `is_free`. Callers use `functions` and `callbacks`; all
+ * other fields are private. "Proof": the rollback proof before a run (master/sync/proof.h). "Copy":
+ * a copy of the FMU's memory. */
 typedef struct tl_fmu_guard {
     tl_fmi2 functions; /* the table for callers; a function is NULL if the FMU lacks it or if twinlock never calls it */
     fmi2CallbackFunctions callbacks;     /* to be passed to functions.instantiate; their environment is this guard */
     tl_fmi2 own;                         /* the FMU's functions */
-    fmi2CallbackFunctions fmu_callbacks; /* callbacks that the FMU gets */
+    fmi2CallbackFunctions fmu_callbacks; /* callbacks that the guard passes to the FMU */
     tl_fmu_logger logger;
     tl_fmu_memory *memory;    /* NULL: the FMU cannot be rolled back by memory */
     tl_fmu_memory own_memory; /* `memory` points to it, unless the FMU shares the memory of all FMUs in Python */
-    bool by_memory;           /* memory is the method in use; if not, it may be the fallback if own states are wrong */
+    bool by_memory;           /* memory is the method in use; false: it may be the fallback if own states are wrong */
     bool may_replay;          /* rollback by replay is allowed if no other method works */
-    bool by_replay;           /* replay is the method in use */
+    bool by_replay;           /* replay is the rollback method in use */
     bool renews;      /* a reset frees and instantiates the FMU again, because fmi2Reset fails or is incomplete */
     uint32_t most;    /* replay can roll back at most this many steps after the start */
     bool sets_inputs; /* own states are used, and the last inputs are set again after each restore */
     bool was_remaining_reported;    /* side effects that prevent a copy were logged */
-    bool was_environment_reported;  /* that the FMU changes environment variables was logged */
-    bool was_writing_reported;      /* that the FMU writes files was logged */
-    bool was_construction_reported; /* that the FMU has opened a library in a step was logged */
+    bool was_environment_reported;  /* it was logged that the FMU changes environment variables */
+    bool was_writing_reported;      /* it was logged that the FMU writes files */
+    bool was_construction_reported; /* it was logged that the FMU has opened a library in a step */
     void *
         instantiated; /* copy from after fmi2Instantiate, to reset an FMU that is rolled back by memory; NULL: no copy */
     void *full_copy;  /* copy from the start of the proof; NULL: no copy */
-    void *noted;      /* copy that the proof compares with the present memory; NULL: no copy */
+    void *noted;      /* copy with which the proof compares the present memory; NULL: no copy */
     bool was_proved;  /* the proof has ended; only copies chosen for speed may still be replaced by own states */
     uint32_t name;    /* number of the FMU's name (tl_fmu_calls_name()), for calls without an instance */
     unsigned logged_changes; /* bits: changes of the process that were already logged, for calls without an instance */
-    tl_fmi2 by_states;       /* the table with the FMU's own state functions */
+    tl_fmi2 by_states;       /* table with the FMU's own state functions */
     bool is_by_choice;       /* copies are in use because they are faster; the FMU's own states are exact too */
     tl_fmi2_times times;     /* measured durations of both methods, if is_by_choice */
     fmi2FMUstate
@@ -65,7 +65,7 @@ typedef struct tl_fmu_guarded {
     fmi2DoStepTYPE *do_step;
     fmi2GetRealTYPE *get_real;
     const unsigned short *const *characters; /* the C library's pointer to the character table of this thread */
-    const unsigned short *table;             /* its value at instantiation; if it differs, the locale was changed */
+    const unsigned short *table;             /* *characters at instantiation; another value: the locale was changed */
     tl_fmu_replay *replay;                   /* notes all calls for a replay; NULL: calls are not noted */
     bool by_replay;                          /* this instance is rolled back by replay */
     bool is_noted;                           /* the instance has `memory`, or its calls may be noted */
@@ -73,9 +73,9 @@ typedef struct tl_fmu_guarded {
     tl_fmu_memory *memory;                   /* serves allocations of its calls; NULL: the C library serves them */
     double shift;                            /* s; the FMU's time is smaller by this, if it accepts only start time 0 */
     uint32_t name;                           /* number of the instance's name (tl_fmu_calls_name()) */
-    uint64_t control;                        /* floating-point control bits at instantiation */
+    uint64_t control;                        /* floating-point control bits at instantiation (host_state.h) */
     const tl_fmi2 *own;                      /* all functions of the FMU */
-    locale_t locale;                         /* of the thread at instantiation */
+    locale_t locale;                         /* locale of the thread at instantiation */
     unsigned logged_changes;                 /* bits: changes that were already logged for this instance */
     struct tl_fmu_guard *guard;
     struct tl_fmu_guarded *next;

@@ -2,10 +2,10 @@
  *
  * Purpose: saves, restores and frees a copy (rollback/fmu_memory.h), and logs side effects that a
  *          copy does not contain. Serialising is only for an FMU whose own states are exact too:
- *          another process reads a checkpoint, and a copy of memory is useless there. To serialise,
+ *          another process reads the bytes, and a copy of memory is useless there. To serialise,
  *          the copy is restored, the FMU saves its own state, and that state is serialised. To
  *          deserialise, the FMU restores its own state from the bytes, and then its memory is
- *          copied. Afterwards the memory is as before.
+ *          copied. After both, the FMU's memory is as before.
  * Source:  FMI 2.0.4, section 2.1.8 (fmi2SerializeFMUstate).
  * Errors:  fmi2Error if memory is out, if the FMU has side effects that a copy cannot restore, or
  *          if the FMU rejects a call.
@@ -17,7 +17,8 @@
 #include "firmware/fmu/guarded_fmu.h"
 #include "master/fmi/fmi2.h"
 
-/* The functions for states; all others are NULL. `component`: a tl_fmu_guarded with memory. */
+/* The functions for states; all others are NULL. Their `component`: a tl_fmu_guarded with memory.
+ */
 extern const tl_fmi2 tl_memory_state_functions;
 
 /* The functions get_fmu_state and set_fmu_state of this table. */

@@ -35,8 +35,8 @@ bool tl_xml_boolean(const char *text, bool *value);
  *
  * Purpose: reads and validates all that the twin needs: variables of all types with the attributes
  *          inherited from their declared type, units, and capabilities. The parser enforces the
- *          parts of the schema that the twin relies on. It skips all other elements: annotations,
- *          later additions, ModelStructure.
+ *          parts of the schema that the twin relies on. It skips all other elements, for example
+ *          annotations, later additions and ModelStructure.
  * Limits:  TL_MODEL_DESCRIPTION_BYTES (a file is read in parts); TL_MODEL_DESCRIPTION_VARIABLES;
  *          TL_MODEL_DESCRIPTION_DEPTH nested elements. A DTD is rejected, so no entities can
  *          expand.

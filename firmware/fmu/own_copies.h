@@ -31,7 +31,7 @@ enum {
     TL_ELF_VERSIONS = 16 * 1024 /* maximum number of needed or defined symbol versions, and of their names */
 };
 
-/* The part of the file, from `offset` on, that is loaded as `size` bytes from `address` on. */
+/* A part of the file: `size` bytes from `offset` on, which the loader maps from `address` on. */
 typedef struct tl_elf_segment {
     uint64_t address;
     uint64_t offset;
@@ -55,7 +55,7 @@ typedef struct tl_elf_file {
 
 /* Opens a library of `size` bytes. `bytes` must outlive `file`. Returns false if this is not a
  * shared library, if no loader could use it, or if it exceeds a limit: number of segments or
- * entries, or total length of symbol names. */
+ * entries, or total length of the symbol names. */
 bool tl_elf_open(tl_elf_file *file, uint8_t *bytes, size_t size);
 
 typedef enum tl_elf_kind {
@@ -72,7 +72,7 @@ typedef struct tl_elf_reference {
     size_t offset;
 } tl_elf_reference;
 
-/* Called for each name. Returns false to end the visit. */
+/* Callback for each name. Returns false to end the visit. */
 typedef bool tl_elf_visitor(void *context, tl_elf_reference reference);
 
 /* Visits all names that the file refers to; those of symbols come last. */
@@ -82,11 +82,11 @@ void tl_elf_visit(const tl_elf_file *file, tl_elf_visitor *visitor, void *contex
  */
 const char *tl_elf_text(const tl_elf_file *file, size_t offset);
 
-/* One symbol; `info` points into the file. */
+/* One symbol of the file. */
 typedef struct tl_elf_symbol {
     size_t name;     /* offset of its name, as in a reference; TL_ELF_NO_NAME: not within the string table */
-    uint8_t *info;   /* binding and type (st_info), in place */
-    bool is_defined; /* false: the library uses the symbol of another one */
+    uint8_t *info;   /* binding and type (st_info); points into the file */
+    bool is_defined; /* false: the library uses this symbol from another library */
 } tl_elf_symbol;
 
 #define TL_ELF_NO_NAME SIZE_MAX
@@ -97,12 +97,12 @@ tl_elf_symbol tl_elf_symbol_at(const tl_elf_file *file, size_t index);
 /* ---- Changes names in a shared library in memory, so that the loader treats it as another
  * library.
  *
- * Purpose: the loader does not load a library again if it already knows the name, even if the file
- *          is another one. So a copy that needs its own global variables is renamed, and all
- *          references to it are changed.
+ * Purpose: the loader does not load a library if it already knows the name, even if the file is
+ *          another one. So a copy that needs its own global variables gets a new name, and all
+ *          references to the old name are changed.
  * Shared:  linkers store one text for several names, and one name may begin inside another. So
  *          after renaming, tl_elf_rename_libraries() reads all names of the file again: each must
- *          be unchanged or have its new value.
+ *          have its old text, or the new name for it.
  * Trust:   the file is untrusted, see above.
  * Thread:  one at a time for each file.
  */
@@ -130,7 +130,7 @@ tl_elf_outcome tl_elf_rename_libraries(tl_elf_file *file, const tl_elf_rename *r
  * address. Returns the number of changed symbols. */
 size_t tl_elf_unshare_symbols(tl_elf_file *file);
 
-/* Returns true if the library uses dlopen() or dlmopen(), so it may open other libraries at run
+/* Returns true if the library uses dlopen() or dlmopen(): then it may open other libraries at run
  * time. */
 bool tl_elf_opens_libraries(const tl_elf_file *file);
 
@@ -145,8 +145,8 @@ bool tl_elf_opens_libraries(const tl_elf_file *file);
  *            the system. Libraries inside an FMU that must exist once per process stay shared too;
  *            they are recognised by name (libc, libm, libgcc_s, libstdc++, libgfortran and
  *            similar).
- * Method:  a renamed library exists twice in the FMU's folder, under both names. So it can still be
- *          opened by its old path.
+ * Method:  a renamed library exists twice in the FMU's folder, under both names, so that its old
+ *          path still works.
  * Limits:  a library that an FMU opens at run time (dlopen) by a name without a path stays shared.
  *          A warning is logged if an FMU uses dlopen() and an earlier FMU contains a library at the
  *          same relative path.

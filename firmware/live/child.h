@@ -60,9 +60,9 @@ void tl_reaper_stop(tl_reaper *reaper);
 typedef struct tl_child_end {
     bool known; /* false: the kernel did not report the end */
     bool by_signal;
-    int number;                   /* signal number, or exit code */
+    int number;                   /* signal number if by_signal, else exit code */
     tl_end_cause announced_cause; /* the child wrote it to its heartbeats before its end */
-    int code;                     /* exit code that it announced with it */
+    int code;                     /* exit code that the child announced with this cause */
 } tl_child_end;
 
 /* Before the first start: zeroed, except `beats`. */
@@ -77,8 +77,8 @@ typedef struct tl_child {
     tl_reaper reaper;        /* idle: the previous process was reaped */
     /* private */
     char fault[TL_RESTARTS_REASON];
-    tl_time blame_after; /* ns; an FMU call that lasted at least this long is reported as the cause of a kill */
-    tl_time asking;      /* ns since the child was last asked to end, while the supervisor was running */
+    tl_time blame_after; /* ns; after a kill, an FMU call that lasted at least this long is reported too */
+    tl_time asking;      /* ns since the last request to end, without the time in which the supervisor was stopped */
 } tl_child;
 
 /* Resets the heartbeats and all states before a start. */
@@ -87,20 +87,21 @@ void tl_child_prepare(tl_child *child);
 /* Returns true if the child has ended; child->end then describes how. Does not reap it. */
 bool tl_child_has_ended(tl_child *child);
 
-/* Kills the child with SIGKILL, unless that was done before. `waited`: ns that the supervisor
- * waited for it. An FMU call that lasted at least half of this is reported as the cause. INT64_MAX:
- * no call is reported. `format` gives the reason, which is printed after "the NAME failed: ". */
+/* Kills the child with SIGKILL, unless that was done before. `waited`: ns that the supervisor has
+ * waited for the child. The description (tl_child_describe()) also names the FMU call that was
+ * running, if that call lasted at least half of `waited`. INT64_MAX: it names no call. `format`
+ * gives the reason, which is printed after "the NAME failed: ". */
 void tl_child_kill(tl_child *child, tl_time waited, const char *format, ...) __attribute__((format(printf, 3, 4)));
 
-/* Call it for a child that is stopped: the timeouts of all its heartbeats start again. */
+/* Restarts the timeouts of all heartbeats. Call it for a child that is stopped or traced. */
 void tl_child_restart_timeouts(tl_child *child);
 
 /* Asks the child to end by sending `signal`. May be called again; each call restarts the grace
  * period (tl_child_kill_late()). */
 void tl_child_request_end(tl_child *child, int signal);
 
-/* Limits `passed`, the ns since the last poll, to TL_HEARTBEAT_POLL (0.2 s). So the time in which
- * the supervisor was stopped does not count. */
+/* Returns `passed`, the ns since the last poll, but at most TL_HEARTBEAT_POLL (0.2 s). So the time
+ * in which the supervisor was stopped hardly counts. */
 tl_time tl_child_passed(tl_time passed);
 
 /* Kills a child that was asked to end if it is still running after `grace` ns. `passed`: ns since
@@ -124,12 +125,12 @@ void tl_child_reap(tl_child *child);
  *          kernel reports for each thread whether it is stopped, or traced by another process (gdb,
  *          strace).
  * Cost:    reads a file of /proc for each thread. Call it only for a process that was found silent.
- * Limits:  the function cannot find out which process stopped it: an FMU may have stopped its own
- *          process. If /proc is hidden, it returns false.
+ * Limits:  the function cannot find out which process has stopped `process`: an FMU may have
+ *          stopped its own process. If /proc is hidden, the function returns false.
  * Thread:  any.
  */
 
-/* Returns true if a thread of this process is traced or stopped. */
+/* Returns true if a thread of the process with this process id is traced or stopped. */
 bool tl_process_is_stopped(pid_t process);
 
 #endif

@@ -1,9 +1,10 @@
 /* Follow: writes the state of a live run as JSON lines, one a second (`run --follow`).
  *
- * Purpose: a script or a log collector needs no server. A line begins with the members of the
- *          served state (tl_control_add_figures()).
- * Reader:  it may be slow or gone. No write waits: a line that has no room is dropped and counted.
- *          If the reader is gone, no more lines are written. The run continues in both cases.
+ * Purpose: a script or a log collector needs no server. After the time, a line has the members of
+ *          the state that the control socket serves (tl_control_add_figures()), then further ones.
+ * Reader:  it may be slow or gone. No write waits: while an earlier line is not written completely,
+ *          new lines are dropped and counted. If the reader is gone, no more lines are written. The
+ *          run continues in both cases.
  * Trust:   the status of a twin is bounded and cleaned (live_host.h).
  * Thread:  that of the log relay.
  */
@@ -23,11 +24,11 @@ enum { TL_FOLLOW_LINE = 32 * 1024 };
 typedef struct tl_follow {
     int output; /* descriptor; -1: none, or its reader is gone */
     tl_live_host host;
-    tl_time due;                 /* of the next line */
+    tl_time due;                 /* when the next line is due, CLOCK_MONOTONIC, ns */
     tl_activation_view views[2]; /* of the line before and of this line */
-    uint64_t lines;              /* composed so far */
+    uint64_t lines;              /* number of lines composed so far */
     uint64_t dropped;
-    size_t length, written; /* of `line` */
+    size_t length, written; /* bytes of `line`, and how many of them are written */
     char line[TL_FOLLOW_LINE];
 } tl_follow;
 

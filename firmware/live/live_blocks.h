@@ -44,7 +44,7 @@
 enum {
     TL_LIVE_CLIENT = 3,            /* not a block: control socket of the config manager */
     TL_LIVE_JOB = 4,               /* tl_live_job */
-    TL_LIVE_SAMPLES = 5,           /* sample memory, written by io (sample_buffer.h) */
+    TL_LIVE_SAMPLES = 5,           /* sample memory: all sample buffers (sample_buffer.h), written by io */
     TL_LIVE_IO_BEATS = 6,          /* tl_heartbeats */
     TL_LIVE_RECORDER_STATUS = 8,   /* tl_live_recorder_status */
     TL_LIVE_CONFIG_MANAGER_STATUS, /* tl_live_config_manager_status */
@@ -70,8 +70,8 @@ enum {
     TL_LIVE_QUEUES
 };
 
-/* Largest size in bytes of a checkpoint, and of the data that a cold start resumes from. Pages take
- * memory only when they are used. */
+/* Largest size in bytes of a checkpoint, and of the content of a resume block (resume.h). Pages
+ * take memory only when they are used. */
 #define TL_LIVE_CHECKPOINT_BYTES ((size_t)32 * 1024 * 1024)
 #define TL_LIVE_RESUME_BYTES TL_RESUME_MOST
 
@@ -82,8 +82,8 @@ typedef struct tl_live_end {
     tl_account account;
 } tl_live_end;
 
-/* Request number: the number of the twin process in the upper 32 bits, a counter in the lower.
- * One integer, so that it is read atomically. */
+/* Request number: the number of the twin process in the upper 32 bits, a counter in the lower. One
+ * integer, so that a reader gets both at once. */
 typedef uint64_t tl_live_request;
 
 static inline tl_live_request tl_live_request_of(uint32_t twin, uint32_t number) {
@@ -95,25 +95,26 @@ static inline tl_live_request tl_live_request_of(uint32_t twin, uint32_t number)
 enum { TL_LIVE_HOLDS = 1, TL_LIVE_WAITS = 2 };
 
 /* Status block of a twin. The twin writes all fields except those marked "by the supervisor". The
- * next process in the slot uses the fields marked "kept"; the supervisor resets other fields before
- * it starts. Heartbeats are the first field of every status block. */
+ * next process in the slot uses the fields marked "kept". Before each start the supervisor resets
+ * `beats`, `realtime`, `begun`, `resume`, `start` and `end`. Heartbeats are the first field of
+ * every status block. */
 typedef struct tl_live_twin_status {
     tl_heartbeats beats;
     uint32_t number;             /* by the supervisor: number of the twin process in this slot, from 1; kept */
     uint32_t first;              /* by the supervisor: the first such number; number - first counts failures; kept */
-    uint32_t holds;              /* by the supervisor: TL_LIVE_HOLDS, TL_LIVE_WAITS, or 0: it has FMUs */
+    uint32_t holds;              /* by the supervisor: TL_LIVE_HOLDS, TL_LIVE_WAITS, or 0: the process has FMUs */
     tl_latest figures;           /* tl_run_status; empty in safe hold */
-    int32_t realtime;            /* thread that needs the configured priority; 0: none */
-    uint32_t begun;              /* 1: it does not need resume data any more */
-    uint64_t fmus;               /* identity number of its FMU files (not their count); 0: none; kept */
+    int32_t realtime;            /* kernel's id of the thread that needs the configured real-time priority; 0: none */
+    uint32_t begun;              /* 1: the twin does not need resume data any more */
+    uint64_t fmus;               /* identity number of its FMU files (identity.h), not their count; 0: none; kept */
     char digest[TL_SHA256_TEXT]; /* SHA-256 of the content of the FMU files; set before a request; kept */
-    uint32_t loads;              /* 1: loads a checkpoint, or has made too few steps since to trust it; kept */
-    uint64_t unreadable;         /* by the supervisor: `fmus` whose checkpoint ended a process; 0: none; kept */
-    tl_live_request resume;      /* newest request for resume data; of a shadow: for samples; 0: none */
-    int64_t resumed_from;        /* shadow: first tick of the requested samples; written before `resume` */
-    tl_time start;               /* t_start of its run (CLOCK_MONOTONIC), also for io; 0: not known yet */
-    int64_t started;             /* the same in UTC, ms since 1970; both are set before the twin is ready */
-    uint32_t handed_over;        /* newest handover that this twin has completed */
+    uint32_t loads;              /* 1: it loads a checkpoint, or has not made enough steps since to trust it; kept */
+    uint64_t unreadable;    /* by the supervisor: `fmus` of a process that ended while `loads` was 1; 0: none; kept */
+    tl_live_request resume; /* newest request for resume data; of a shadow: for samples; 0: none */
+    int64_t resumed_from;   /* shadow: first tick of the requested samples; written before `resume` */
+    tl_time start;          /* t_start of its run (CLOCK_MONOTONIC), also for io; 0: not known yet */
+    int64_t started;        /* the same in UTC, ms since 1970; both are set before the twin is ready */
+    uint32_t handed_over;   /* newest handover that this twin has completed */
     tl_live_tuning_answer tuned; /* answer to the newest tuning; kept for the config manager */
     tl_live_end end;
 } tl_live_twin_status;
@@ -130,8 +131,8 @@ enum { TL_LIVE_RESUME_WORDS = 8 };
 typedef struct tl_live_resume_answer {
     tl_live_request live_request;
     uint64_t size;                                   /* bytes in the resume block; 0: nothing found */
-    tl_time ended;                                   /* tl_resume_history_ended() */
-    tl_live_resume_word words[TL_LIVE_RESUME_WORDS]; /* up to the first empty text */
+    tl_time ended;                                   /* result of tl_resume_history_ended() (resume.h), ns */
+    tl_live_resume_word words[TL_LIVE_RESUME_WORDS]; /* valid up to the first one with an empty text */
 } tl_live_resume_answer;
 
 /* Status block of the recorder. */
@@ -140,8 +141,8 @@ typedef struct tl_live_recorder_status {
     tl_time damaged[TL_LIVE_QUEUES]; /* tl_recorder_writer_damage() of each record queue */
     uint32_t drained;                /* newest handover for which the old record queue is recorded to its end */
     uint32_t open_findings;          /* of the change detector */
-    uint32_t explanations;           /* number of explanations that were due (live_detection.h) */
-    uint32_t due_finding;            /* number of the finding for the newest of these explanations */
+    uint32_t explanations;           /* number of explanations that have become due so far (live_detection.h) */
+    uint32_t due_finding;            /* number of the finding that the newest of them explains */
     tl_recorder_writer_state state;
     tl_live_resume_answer answer[TL_TWIN_SLOTS]; /* to the twin in each slot */
 } tl_live_recorder_status;
@@ -151,10 +152,11 @@ typedef struct tl_live_config_manager_status {
     tl_heartbeats beats;
     uint32_t restart; /* 1: end this run and start another one */
     tl_live_order order;
-    uint32_t handovers; /* private to the config manager: number of handovers when it last ordered one */
+    uint32_t handovers; /* only for the config manager: number of handovers when it last ordered one */
 } tl_live_config_manager_status;
 
-/* Settings of a record queue that is used for events only. */
+/* Return the settings of a record queue: for events only; for a twin with this shape and this T_S
+ * (ns); for a twin of this configuration. */
 static inline tl_record_queue_settings tl_live_event_queue(void) {
     return (tl_record_queue_settings){.ring_bytes = 0};
 }
@@ -181,28 +183,28 @@ static inline tl_record_queue_settings tl_live_twin_queue(const tl_config *confi
 /* The first fields are the same for all processes; the last ones belong to the start of one
  * process. Contains no pointers. */
 typedef struct tl_live_job {
-    bool unsupervised;                        /* the run is not supervised */
-    bool unconfined;                          /* FMUs have all rights of the user */
-    tl_time duration;                         /* ns; duration of the command line; 0: as configured */
-    char database[PATH_MAX];                  /* "": nothing is recorded */
-    char state[PATH_MAX];                     /* config manager: folder of the versions; "": none */
-    char allowed[PATH_MAX];                   /* config manager: administrator's list of names */
-    uint64_t memory_limit;                    /* config manager: bytes for an FMU process; 0: default */
-    uint32_t slot_index;                      /* slot of: itself (twin); its twin (recorder); the live twin (others) */
+    bool unsupervised;       /* the run is not supervised */
+    bool unconfined;         /* FMUs have all rights of the user */
+    tl_time duration;        /* ns; duration of the command line; 0: as configured */
+    char database[PATH_MAX]; /* "": nothing is recorded */
+    char state[PATH_MAX];    /* config manager: folder of the versions; "": none */
+    char allowed[PATH_MAX];  /* config manager: administrator's list of names */
+    uint64_t memory_limit;   /* config manager: bytes for an FMU process; 0: default */
+    uint32_t slot_index;     /* twin: its own slot; recorder: slot whose queue it reads; others: the live twin's */
     char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* of the configuration in each slot; "": none */
     uint32_t finding;                         /* explainer: number of the finding */
     /* for the start of a twin: */
     uint32_t number;    /* of this process in its slot, from 1 */
-    bool is_shadow;     /* it is a shadow, until a handover makes it the live twin */
+    bool is_shadow;     /* the process starts as a shadow; a handover may make it the live twin */
     tl_time start;      /* shadow: t_start of the live twin's run (CLOCK_MONOTONIC) */
-    int64_t started;    /* the same in UTC, ms */
-    uint32_t handovers; /* newest handover at the start; recorder: handover with which its twin went live */
+    int64_t started;    /* the same in UTC, ms since 1970 */
+    uint32_t handovers; /* newest handover at the start; recorder: the handover that made the twin of its queue live */
     tl_start how;       /* if `how.waits` is true, `start` above is the time from which samples are recorded */
 } tl_live_job;
 
-/* Packs the job, the path of the configuration and its text. For a shadow, `text` is the
- * configuration of the live twin; for another twin, "". The caller frees the result
- * with free(). Returns NULL if memory is out. */
+/* Packs the job, the path of the configuration file, and `text`. For a shadow, `text` is the
+ * configuration of the live twin; for another twin, ""; for other processes, the run's
+ * configuration. The caller frees the result with free(). Returns NULL if memory is out. */
 unsigned char *tl_live_job_pack(const tl_live_job *job, const char *path, const char *text, size_t *size);
 
 /* Unpacks the result of tl_live_job_pack(). *path and *text point into `bytes`. Errors:
@@ -219,7 +221,7 @@ tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl
 tl_status tl_live_job_read(const tl_live_job *job, const char *path, const char *text, tl_config *config,
                            tl_error *error);
 
-/* Applies the duration of the command line, and enables look-ups. */
+/* Applies the duration of the command line, and calls tl_config_use_lookups(). */
 void tl_live_job_apply(const tl_live_job *job, tl_config *config);
 
 /* ---- Access: which process has which blocks. The supervisor passes these blocks; the process maps
@@ -277,15 +279,15 @@ typedef struct tl_live_blocks {
     size_t shadow;        /* additionally, while a shadow of this size runs; an upper bound */
 } tl_live_blocks;
 
-/* Computes the memory need for a twin whose checkpoint has `checkpoint` bytes (0: none). Call
- * tl_config_use_lookups() before. */
+/* Computes the memory need of a run whose twin has a checkpoint of `checkpoint` bytes (0: none).
+ * Call tl_config_use_lookups() before. */
 void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_blocks *blocks);
 
 /* ---- Recorded samples for a shadow: the recorder's side.
  *
- * Purpose: only the recorder reads the database of a run. The shadow requests samples from a tick
- *          on in its status block; the recorder copies them to the resume block of the shadow's
- *          slot (resume.h).
+ * Purpose: a shadow cannot open the database of the run. In its status block, the shadow requests
+ *          the samples from a certain tick on. The recorder copies these samples to the resume
+ *          block of the shadow's slot (resume.h).
  * Trust:   the shadow is untrusted. It gets only recorded samples, at most the size of the block.
  * Memory:  the caller owns the blocks; they must outlive the object.
  * Thread:  the recorder's.

@@ -1,14 +1,14 @@
-/* Live host: connects an activation to the live run: status of the twins, tunings, shadow and
+/* Live host: gives an activation access to the live run: status of the twins, tunings, shadow and
  * handover. An activation changes the configuration of the run in several steps (activation.h).
  *
  * Purpose: reads and writes the memory that the config manager shares with the other processes. The
  *          live twin is in the slot that the handover block names (handover.h).
- * Orders:  requests to the supervisor (handover_control.h), one at a time. The host writes the next
- *          order when the supervisor has executed the previous one. Orders outlive the process: a
- *          restarted config manager finds the order and its result.
- * Tunings: are numbered in one sequence for both slots. The recorder reports the number of the
- *          newest tuning that it has recorded, and this number belongs to one tuning only.
- * Trust:   status blocks come from processes with FMUs: numbers are bounded, names are cleaned.
+ * Orders:  start a shadow, end it, hand over: the supervisor executes them (handover_control.h).
+ *          The host writes the next order when the supervisor has executed the previous one. Orders
+ *          outlive the process: a restarted config manager finds the order and its result.
+ * Tunings: both slots share one sequence of numbers, because the recorder reports only the number
+ *          of the newest tuning that it has recorded.
+ * Trust:   status blocks come from processes with FMUs: their numbers are bounded, names cleaned.
  * Memory:  the caller owns all blocks; they must outlive the host.
  * Errors:  the functions of the host return them.
  * Thread:  the config manager's.
@@ -30,12 +30,12 @@ typedef struct tl_live_host {
     const tl_handover *handover_block;
     tl_live_candidate *candidate;
     char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* SHA-256 of the configuration in each slot; "": none */
-    const char *path;                         /* of the configuration; relative names start there */
-    const char *text;                         /* configuration of the run when this process started */
-    const char *text_hash;                    /* of `text` */
-    tl_time step;                             /* T_S, ns */
+    const char *path;      /* path of the configuration file; relative file names start at its folder */
+    const char *text;      /* configuration of the run when this process started */
+    const char *text_hash; /* of `text` */
+    tl_time step;          /* T_S, ns */
     tl_journal *journal;
-    bool wants_none; /* private: the shadow must end, but that order still waits for the previous one */
+    bool wants_none; /* private: the order to end the shadow still waits for the previous order */
     uint32_t given;  /* private: number of the newest tuning that this process wrote */
 } tl_live_host;
 

@@ -1,11 +1,12 @@
-/* Roles of a run: main functions of the processes twin, io, recorder and config manager.
+/* Roles of a run: main functions of the processes twin, io, recorder, config manager and explainer.
  *
  * Purpose: main() calls one of them in a process that the process tree (process_tree.h) has started
  *          with that role.
  * Order:   each process first sets up its log, makes sure that it ends when its parent ends, and
  *          sets up its signal handlers and shared memory. Then it confines itself and starts its
  *          work. SIGTERM ends it.
- * Ends:    each function announces its exit code in the status block of the process and returns it.
+ * Ends:    each function announces its exit code in the status block of its process, if it has one,
+ *          and returns the exit code.
  * Thread:  the main thread.
  */
 #ifndef TL_FIRMWARE_LIVE_LIVE_ROLE_H
@@ -24,7 +25,8 @@
 #define TL_LIVE_EXPLAINER "explainer"
 #define TL_LIVE_TWIN "twin"
 #define TL_LIVE_TWIN_SHADOW "twin, shadow"
-/* A handover changes one of the two titles above to the other. Reserves room for the longer one. */
+/* A handover changes one of the two titles above to the other. These blanks after the
+ * shorter title reserve room for the longer one (tl_role_entitle()). */
 #define TL_LIVE_TWIN_ROOM "        "
 
 /* Reads the configured sources of the plant into the sample buffers. */
@@ -37,12 +39,12 @@ int tl_recorder_role_run(void);
  * nothing more to do. */
 int tl_config_manager_role_run(void);
 
-/* Explains the finding of its job with the recorded ticks, at the lowest priority, and stores the
- * answer with it (verb_explain.c). */
+/* Explains the finding that its job names from the recorded ticks, at the lowest priority, and
+ * stores the explanation with the finding (verb_explain.c). */
 int tl_explainer_role_run(void);
 
-/* Runs the FMUs and the real-time cycle. Entry of tl_twin_role_tasks: called in the process of the
- * twin after its confinement. Announces its exit code and returns it. */
+/* Runs the FMUs and the real-time cycle. It is `live` of tl_twin_role_tasks: called in the twin's
+ * process after its confinement. Announces the exit code and returns it. */
 int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts);
 
 /* What a process without FMUs gets from the supervisor. */
@@ -55,8 +57,8 @@ typedef struct tl_live_setup {
     tl_journal journal;
 } tl_live_setup;
 
-/* Called first in such a process. Sets up the log and the signal handlers, makes
- * the process end if its parent ends, and maps job and blocks. Errors are logged. */
+/* Called first in a process without FMUs. Sets up the log and the signal handlers, makes the
+ * process end if its parent ends, and maps job and blocks. Logs errors and returns their status. */
 tl_status tl_live_role_begin(tl_live_kind kind, tl_live_setup *setup);
 
 /* Opens a journal that passes events to the log and to the record queue. `queue` must outlive the

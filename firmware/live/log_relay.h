@@ -1,10 +1,10 @@
 /* Log relay of a run: one thread that logs the output of the other processes and draws the status
  * line.
  *
- * Purpose:  io, recorder and config manager print into pipes; this thread logs each line. So only
- *           the supervisor uses the terminal, and the status line never mixes with other lines. The
- *           thread also writes the lines of `run --follow`, and closes ended processes of twins
- *           (tl_twin_process_close()), because that may block.
+ * Purpose:  io, recorder, config manager and explainer print into pipes; this thread logs each
+ *           line. So only the supervisor uses the terminal, and the status line never mixes with
+ *           other lines. The thread also writes the lines of `run --follow`, and closes ended
+ *           processes of twins (tl_twin_process_close()), because that may block.
  * Repeats:  a restarted process may print the same lines as its predecessor. From the third process
  *           on, each such line is logged once a minute, with a count of the repeats.
  * Priority: the thread has ordinary priority, even if the supervisor has real-time priority.
@@ -27,17 +27,17 @@ enum { TL_LOG_RELAY_PIPES = 4, TL_LOG_RELAY_LINES = 16, TL_LOG_RELAY_DEAD = 8 };
 /* A line that was logged. */
 typedef struct tl_logged_line {
     uint64_t hash;
-    unsigned process; /* number of the process that printed it last */
-    unsigned repeats; /* times that later processes printed it and it was not logged */
-    bool is_loop;     /* a later process has repeated it within a minute */
+    unsigned process; /* number of the process that printed the line last */
+    unsigned repeats; /* how often later processes have printed the line without its being logged */
+    bool is_loop;     /* a later process has repeated the line within a minute */
     tl_time time;
 } tl_logged_line;
 
-/* The output of processes of one kind, one after the other. */
+/* Output of the processes of one kind. Only one of them runs at a time. */
 typedef struct tl_log_source {
     tl_relay relay;
-    int pipe;         /* write end, for these processes; 0: none */
-    unsigned process; /* number of the process whose lines are read */
+    int pipe;         /* write end of the pipe, which these processes inherit; 0: none */
+    unsigned process; /* number of the process whose lines are read now; counts the processes of this kind */
     tl_logged_line lines[TL_LOG_RELAY_LINES];
 } tl_log_source;
 
@@ -56,9 +56,9 @@ typedef struct tl_log_relay {
     tl_follow *follow; /* NULL: none */
 } tl_log_relay;
 
-/* Opens the pipes and starts the thread. `beats`: of the first twin. `status`: draws a
- * status line also if standard error is no terminal. `follow`: polled by the thread, which then
- * draws no status line on a terminal; NULL: none.
+/* Opens the pipes and starts the thread. `beats`: of the first twin. `status`: draws a status line
+ * also if standard error is no terminal. `follow` (follow.h): the thread polls it, and then draws
+ * no status line on a terminal; NULL: none.
  * Errors: TL_TRY_AGAIN; then tl_log_relay_stop() is still allowed. */
 tl_status tl_log_relay_start(tl_log_relay *self, const tl_heartbeats *beats, bool status, tl_follow *follow,
                              tl_error *error);
@@ -71,8 +71,8 @@ int tl_log_relay_pipe(const tl_log_relay *self, unsigned which);
 /* Changes the twin whose status is drawn. */
 void tl_log_relay_watch(tl_log_relay *self, const tl_heartbeats *beats);
 
-/* Closes a process that has ended, after tl_twin_process_let_go(). The thread does it later; only
- * if TL_LOG_RELAY_DEAD processes wait already, this call does it and may block. */
+/* Closes a twin process that has ended; call tl_twin_process_let_go() before. The thread closes it
+ * later. Only if TL_LOG_RELAY_DEAD processes wait already, this call closes it and may block. */
 void tl_log_relay_close_process(tl_log_relay *self, tl_twin_process *process);
 
 /* Ends the thread, logs the remaining output, removes the status line, and closes the pipes. Call

@@ -1,14 +1,14 @@
-/* Restart record: how often the twin was started, why, and whether that is a restart loop.
+/* Restart record: how often the twin was started, why, and whether it is in a restart loop.
  *
  * Purpose: the record must outlive the supervisor and a reset of the box. It is saved to
  *          FOLDER/supervisor.json; each change replaces the whole file. Without a folder it lasts
  *          as long as the supervisor.
  * Loop:    only an unexpected end of the twin's process counts as a failure. A power cut, a reset
- *          of the box or a killed supervisor does not. TL_RESTARTS_FORGIVEN (120 s) of running time
- *          forgives one failure. TL_RESTARTS_MOST (5) failures that are not forgiven are a restart
- *          loop, and safe hold follows. No wall clock is needed, because a box may start without
- *          one.
- * Retries: the twin is retried after TL_RESTARTS_HOLD (60 s) of safe hold. The time doubles with
+ *          of the box or a killed supervisor does not count. TL_RESTARTS_FORGIVEN (120 s) of
+ *          running time forgives one failure. TL_RESTARTS_MOST (5) failures that are not forgiven
+ *          are a restart loop. Then safe hold follows. No wall clock is needed, because a box may
+ *          start without one.
+ * Retries: the twin is retried after TL_RESTARTS_HOLD (60 s) of safe hold. This time doubles with
  *          each retry, up to TL_RESTARTS_HOLD_MOST (1 h). Each start of the supervisor is a retry
  *          as well. An orderly end of the supervisor clears failures and retries.
  * Memory:  the caller owns the object.
@@ -34,11 +34,11 @@ enum { TL_RESTARTS_MOST = 5, TL_RESTARTS_REASON = 192 };
 
 typedef struct tl_restarts {
     uint64_t starts;                 /* starts of the twin in all recorded runs */
-    uint64_t restarts;               /* starts after a failure */
+    uint64_t restarts;               /* those of them that followed a failure */
     unsigned failures;               /* not forgiven; at most TL_RESTARTS_MOST */
     unsigned tries;                  /* retries from safe hold since all failures were forgiven */
-    bool interrupted;                /* the previous supervisor did not end in order */
-    char reason[TL_RESTARTS_REASON]; /* why the twin starts; "": no special reason */
+    bool interrupted;                /* the previous supervisor did not end in an orderly way */
+    char reason[TL_RESTARTS_REASON]; /* why the twin starts this time; "": no special reason */
     uint64_t unreadable;             /* identity number of the FMU files whose saved state ended a process; 0: none */
     /* private */
     char path[PATH_MAX]; /* of the file; "": not saved */
@@ -55,28 +55,29 @@ typedef struct tl_start {
     unsigned tries;
     char reason[TL_RESTARTS_REASON];
     unsigned failures; /* of the twin, not forgiven */
-    unsigned missing;  /* starts of the twin in a row for which the kernel provided no process */
-    bool again;        /* counts as a restart */
-    bool hold;         /* safe hold */
-    tl_time hold_time; /* time in safe hold until the twin is retried, ns */
+    unsigned missing;  /* number of starts in a row that failed because the kernel provided no process for the twin */
+    bool again;        /* this start counts as a restart */
+    bool hold;         /* start in safe hold, without FMUs */
+    tl_time hold_time; /* if `hold`: time in safe hold until the twin is retried, ns */
     bool waits;        /* safe hold lasts only until the first twin may start; not counted as a start */
 } tl_start;
 
-/* Loads the record from `folder` (NULL: nothing is loaded or saved) and finds the reason of this
- * start. `watchdog`: true if the watchdog has reset the box. A damaged file is logged, and all
- * counts start at 0. A read-only file system is logged, and nothing is saved. Errors: TL_BAD_DATA
- * if the folder cannot be used; TL_TRY_AGAIN if another supervisor uses it. No record is
- * changed then. */
+/* Loads the record from `folder` (NULL: nothing is loaded or saved) and sets `reason` to why the
+ * twin starts. `watchdog`: true if the watchdog has reset the box. A damaged file is logged, and
+ * all counts start at 0. A read-only file system is logged, and nothing is saved. Errors:
+ * TL_BAD_DATA if the folder cannot be used; TL_TRY_AGAIN if another supervisor uses it. After an
+ * error the file is unchanged. */
 tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *restarts, tl_error *error);
 
 /* Counts and saves a start of the twin; `again`: after a failure. */
 void tl_restarts_begin(tl_restarts *restarts, bool again);
 
-/* Undoes the last tl_restarts_begin(), which had the same `again`, because no process could be
- * started. The next start saves this. */
+/* Undoes the counts of the last tl_restarts_begin(), because no process could be started. `again`:
+ * as in that call. The file is corrected at the next start. */
 void tl_restarts_undo(tl_restarts *restarts, bool again);
 
-/* Counts a failure: the twin's process ended without being asked. */
+/* Counts a failure (the twin's process ended without being asked) and sets the reason of the next
+ * start. */
 void tl_restarts_fail(tl_restarts *restarts, const char *reason);
 
 /* Sets the identity number of the FMU files whose saved states must not be loaded any more; 0: no
@@ -86,7 +87,7 @@ void tl_restarts_note_unreadable(tl_restarts *restarts, uint64_t files);
 /* Sets the reason of the next start. Does not count a failure. */
 void tl_restarts_excuse(tl_restarts *restarts, const char *reason);
 
-/* Adds running time of the twin: ns since the last call. May forgive a failure. */
+/* Adds running time of the twin; `passed`: ns since the last call. May forgive a failure. */
 void tl_restarts_live(tl_restarts *restarts, tl_time passed);
 
 bool tl_restarts_is_loop(const tl_restarts *restarts);

@@ -1,20 +1,20 @@
-/* Saved-state test: tests whether another process can load the saved states of the FMUs of a run.
- * Runs before the first twin starts; the result is saved.
+/* Saved-state test: tests whether another process can load the states that the FMUs of a run save.
+ * The test runs before the first twin starts; its result is saved.
  *
- * Purpose: if a checkpoint crashes the process that loads it, a start fails. If a checkpoint loads,
- *          but the FMU then computes other values, no later check detects that. So a worker
- *          (worker.h) tests the FMUs while io reads the plant. The output of the worker is not
- *          logged, because the run reports other errors of the FMUs.
- * Memory:  the result is saved to FOLDER/states.json. Its key is computed from the content of the
- *          FMU files, their rollback methods, the step and the version of this program. A test
- *          starts the FMUs twice, but only once for each key. Without a folder each start would
- *          repeat the test, so it is skipped.
+ * Purpose: a checkpoint contains saved states. If it crashes the process that loads it, a start
+ *          fails. If it loads, but the FMU then computes other values, no later check detects that.
+ *          So a worker (worker.h) tests the FMUs while io reads the plant. The output of the worker
+ *          is not logged, because the run reports other errors of the FMUs.
+ * Memory:  the result is saved to FOLDER/states.json. The result has a key, computed from the
+ *          content of the FMU files, their rollback methods, the step and the version of this
+ *          program. A test loads the FMUs in two processes; it is repeated only if the key has
+ *          changed. Without a folder each start would repeat the test, so there is no test.
  * Bad:     if the FMUs crash, hang, or need more than 300 s, their states count as unusable, and
  *          the test is not repeated. An interrupted test, or one that could not start, is not
  *          saved.
- * Trust:   the answer comes from a process with FMUs, and affects only the run of these FMUs. Its
- *          text is cleaned, and its length is bounded.
- * Errors:  none is returned. Without a result the states count as usable.
+ * Trust:   the result comes from a process with FMUs, and affects only the run of these FMUs. Its
+ *          text is cleaned, and the length of the text is bounded.
+ * Errors:  no function returns one. Without a result the states count as usable.
  * Thread:  the main thread.
  */
 #ifndef TL_FIRMWARE_LIVE_SAVED_STATES_H
@@ -32,10 +32,10 @@
 typedef struct tl_saved_states {
     const tl_config *config; /* as read; the caller sets the first four fields and zeroes the rest */
     bool unconfined;
-    uint64_t memory_limit;                             /* of an FMU process, bytes; 0: tl_confine_fair_memory() */
+    uint64_t memory_limit;                             /* bytes for an FMU process; 0: tl_confine_fair_memory() */
     int (*run_role)(const char *title, void *context); /* runs the worker without exec (role.h) */
-    uint64_t files;              /* identity number of the FMU files, if their states are unusable; else 0 */
-    char why[TL_TWIN_CHECK_WHY]; /* the reason, if `files` is not 0 */
+    uint64_t files;              /* result: identity number of the FMU files if their states are unusable; else 0 */
+    char why[TL_TWIN_CHECK_WHY]; /* result: the reason, if `files` is not 0 */
     /* private */
     uint64_t number;          /* identity number of the FMU files (identity.h) */
     char key[TL_SHA256_TEXT]; /* of the saved result */
@@ -55,7 +55,7 @@ void tl_saved_states_open(const char *folder, tl_saved_states *states);
  * a notice after 3 s. */
 tl_wait tl_saved_states_check(tl_saved_states *states);
 
-/* Kills the test; no result is saved. Does nothing if none is running. */
+/* Kills the worker of the test; no result is saved. Does nothing if no test is running. */
 void tl_saved_states_stop(tl_saved_states *states);
 
 #endif

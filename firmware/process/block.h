@@ -1,13 +1,15 @@
 /* Block: memory that two processes share. Neither process can change its size.
  *
- * Purpose: processes share data in sealed memfds. If a block shrank while another process uses it,
- *          that process would get SIGBUS. A sealed block can neither shrink nor grow.
+ * Purpose: processes share data in sealed memfds. If one process could shrink a block, another
+ *          process that uses the block would get SIGBUS. A sealed block can neither shrink nor
+ *          grow.
  * Access:  each block has one writer. A reader can neither map the block for writing nor write to
- *          its descriptor. A block that we write is sealed against other writers. For a block that
- *          another process writes, readers get a read-only descriptor (tl_block_reader()).
- * Kernel:  before Linux 5.1 the receiver of a block that we write can write to it too. An emulator
- *          of another machine type may not support seals. The field `seals` shows which seals are
- *          set.
+ *          its descriptor. A block that its maker writes is sealed against other writers. If a
+ *          process other than the maker writes the block, the readers get a read-only descriptor
+ *          (tl_block_reader()).
+ * Kernel:  before Linux 5.1, a reader of a block that its maker writes can write to it too. An
+ *          emulator of another machine type may not support seals. The field `seals` shows which
+ *          seals the kernel has set.
  * Owner:   the caller owns the struct. The block owns its memory and its descriptor until it is
  *          closed.
  * Errors:  TL_TRY_AGAIN if memory or descriptors are missing; TL_BAD_DATA if a descriptor is not a
@@ -47,11 +49,12 @@ typedef struct tl_block {
  * mlockall(), all pages of the block become resident. */
 tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
 
-/* Returns a new read-only descriptor of a block that another process writes; close-on-exec. The
- * caller closes it. A reader maps it by tl_block_take() with TL_BLOCK_WE_WRITE. Returns -1 if
- * descriptors or memory are missing. The file mode of the block becomes read-only. After that a
- * process can reopen the memory for writing only if it has capabilities or may call chmod().
- * Existing writable descriptors stay writable. Without /proc the result is a plain duplicate. */
+/* For the maker of a block that another process writes: returns a new descriptor for a reader,
+ * read-only and close-on-exec. The caller closes the descriptor. The reader maps it by
+ * tl_block_take() with TL_BLOCK_WE_WRITE. Returns -1 if descriptors or memory are missing. The file
+ * mode of the block becomes read-only. After that a process can reopen the memory for writing only
+ * if it has capabilities or may call chmod(). Existing writable descriptors stay writable. Without
+ * /proc the result is a plain duplicate, which is writable. */
 int tl_block_reader(const tl_block *block);
 
 /* Makes a block with these bytes, which no process can change. */
@@ -59,8 +62,8 @@ tl_status tl_block_make_of(const char *name, const void *bytes, size_t size, tl_
 
 /* Maps a block that another process has made: for writing only if `writer` is TL_BLOCK_THEY_WRITE.
  * The block must have exactly `size` bytes (0: any size above 0). If the kernel supports seals, the
- * size must be sealed; with TL_BLOCK_IS_WRITTEN also the content. The block owns the descriptor; on
- * failure the descriptor is closed. */
+ * size must be sealed; with TL_BLOCK_IS_WRITTEN also the content. The block then owns `descriptor`;
+ * on failure `descriptor` is closed. */
 tl_status tl_block_take(int descriptor, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
 
 /* For the process that writes the block: sets all bytes to zero and returns their memory to the

@@ -1,4 +1,4 @@
-/* Bounds: checks how much of the machine an FMU process uses, from the process that started it.
+/* Bounds: the parent of an FMU process checks how much of the machine that process uses.
  *
  * Purpose: checks what kernel limits do not cover: the size of a folder, its number of files, and
  *          the number of threads. Memory is checked in addition to its kernel limit.
@@ -29,14 +29,14 @@ enum { TL_BOUNDS_TEXT = 256, TL_BOUNDS_DEPTH = 32, TL_BOUNDS_CHECKS = 100 };
  * folder's text must live as long as this struct. */
 typedef struct tl_bounds {
     const char *folder;   /* folder of the FMUs; NULL: none */
-    uint64_t bytes;       /* disk usage of all files below the folder */
-    uint64_t files;       /* number of files and folders below it; more than TL_BOUNDS_DEPTH levels break the bounds */
-    uint64_t threads;     /* number of threads of the process */
-    uint64_t memory;      /* resident and swapped bytes, including shared ones and page tables */
+    uint64_t bytes;       /* maximum disk usage of all files below the folder */
+    uint64_t files;       /* maximum number of files and folders below it; at most TL_BOUNDS_DEPTH levels */
+    uint64_t threads;     /* maximum number of threads of the process */
+    uint64_t memory;      /* maximum of resident and swapped bytes, including shared ones and page tables */
     uint64_t free_before; /* private: free bytes of the disk at the first check; 0: none yet */
-    uint64_t gone_before; /* private: bytes lost when removed files were last counted */
+    uint64_t gone_before; /* private: lost free bytes when removed files were last counted */
     uint64_t least_bytes; /* private: the folder is counted again if the disk has fewer free bytes */
-    uint64_t least_files; /* private: or fewer free files */
+    uint64_t least_files; /* private: or if it has fewer free files */
     bool is_large;        /* private: the folder has more than 500 files */
     unsigned checks_left; /* private: checks until the folder is counted again; 0 at first */
 } tl_bounds;

@@ -15,12 +15,12 @@
 
 /* ---- Protocol between the program and a process that it has started with a role: all messages.
  *
- * Purpose: defines the messages, their sender, their phases, and their exact sizes. A side that
- *          sends anything else is broken or hostile: the receiver reports the message and accepts
- *          no further message. The parent then kills the child.
- * Phases:  each side has its own phase, which determines what it may send. Messages of a side
- *          advance its phase. Messages of the child, except ENDED, also advance the parent's phase.
- *          So ticks are allowed as soon as the twin is built.
+ * Purpose: defines the messages: which side sends them, in which phase, and their exact sizes. A
+ *          side that sends anything else is broken or hostile: the other side reports the message
+ *          and accepts no further one. If the child did it, the parent kills the child.
+ * Phases:  each side has its own phase, which determines what it may send. A message advances the
+ *          phase of its sender, as listed below. READY and BUILT also advance the parent's phase.
+ *          So the parent may send ticks as soon as the child has built the twin.
  * Sizes:   the code that opens a channel sets the sizes of the messages (twin_role.h); both sides
  *          must use the same sizes.
  * Thread:  pure functions.
@@ -40,13 +40,13 @@ typedef enum tl_phase {
 } tl_phase;
 
 typedef enum tl_message {
-    /* from the parent */
+    /* From the parent. "STEPPING, then ENDING": allowed in STEPPING, and begins ENDING. */
     TL_MESSAGE_TICK,   /* a sample of the plant; STEPPING */
     TL_MESSAGE_FINISH, /* the last tick; STEPPING, then ENDING */
-    TL_MESSAGE_SEEN,   /* answer to SHOWN: result of the reader process; STEPPING */
+    TL_MESSAGE_SEEN,   /* answer to SHOWN: result of the reader process (read_back.h); STEPPING */
     TL_MESSAGE_END,    /* request to end as soon as possible; no bytes; any phase, then ENDING */
-    /* from the child */
-    TL_MESSAGE_READY,  /* how the child is confined; STARTING, then BUILDING */
+    /* From the child. */
+    TL_MESSAGE_READY,  /* how the child is confined (confine.h); STARTING, then BUILDING */
     TL_MESSAGE_BUILT,  /* the twin is built, its tl_account is in the child's block; BUILDING, then STEPPING */
     TL_MESSAGE_RESULT, /* result of a step; STEPPING */
     TL_MESSAGE_SHOWN,  /* requests a reader process (read_back.h), or shows progress (explainer); no bytes; STEPPING */
@@ -64,8 +64,8 @@ typedef struct tl_protocol_phases {
     tl_phase of[TL_SIDES];
 } tl_protocol_phases;
 
-/* Validates a message header from `sender`; `type` and `length` (bytes) are untrusted. Errors:
- * TL_FMU_FAILED if the message is not allowed; the text names the message and the cause. */
+/* Checks whether `sender` may send a message of this `type` and `length` (bytes) now; both are
+ * untrusted. Errors: TL_FMU_FAILED if not; the text names the message and the cause. */
 tl_status tl_protocol_check(const tl_protocol_sizes *sizes, const tl_protocol_phases *phases, tl_side sender,
                             uint32_t type, uint32_t length, tl_error *error);
 
@@ -80,12 +80,12 @@ uint32_t tl_protocol_longest(const tl_protocol_sizes *sizes, tl_side sender);
  * Purpose: each side writes only its own block: the slots of its messages, the number sent, and the
  *          number received from the other side. A message costs one copy on each side. No system
  *          call is needed while neither side sleeps.
- * Waking:  a waiting side announces how many messages, or how many free slots, it waits for. The
- *          other side wakes it when there are that many. If the other side goes to sleep too, one
- *          message or one slot is enough. So large batches cost few wake-ups, and the two sides
- *          never both sleep with work pending. To receive each message at once, wait for 1. All
- *          messages except ticks and results are urgent: they wake at once, because the sender may
- *          send no further message.
+ * Waking:  a waiting side announces for how many messages, or free slots, it waits. The other side
+ *          wakes the waiting side when there are that many. If the other side is about to sleep
+ *          too, it wakes the waiting side for a single message or slot. So large batches cost few
+ *          wake-ups, and the two sides never both sleep with work pending. To receive each message
+ *          at once, wait for 1. All messages except ticks and results are urgent: they wake the
+ *          waiting side at once, because the sender may send no further message.
  * Trust:   the other side's block is untrusted. Counters are checked against the ring size. A
  *          slot's type and length are read once and validated before the payload is copied. The
  *          first fault breaks the channel, and `fault` is the reason. Then no message can be sent,
@@ -123,15 +123,15 @@ typedef struct tl_channel {
     const uint8_t *other_slots;
     size_t own_stride; /* bytes per slot */
     size_t other_stride;
-    uint32_t offered;      /* number of messages written in all */
+    uint32_t offered;      /* number of messages that this side has written so far */
     uint32_t urgent;       /* messages up to this number must wake the other side at once */
-    uint32_t taken;        /* number of messages received */
+    uint32_t taken;        /* number of messages that this side has received so far */
     uint32_t other_taken;  /* number that the other side has received, as read last */
     uint32_t other_pushed; /* number that the other side has sent, as read last */
-    uint32_t woken;        /* number of the last sleep of the other side that we ended */
+    uint32_t woken;        /* number of the other side's sleep that this side ended last */
     tl_protocol_phases phases;
     uint32_t nudges; /* number of nudges, by any thread */
-    uint32_t heeded; /* nudges that were handled */
+    uint32_t heeded; /* number of nudges that were handled */
     bool sleeps;
 } tl_channel;
 
@@ -143,13 +143,13 @@ size_t tl_channel_bytes(const tl_channel_settings *settings, tl_side side);
 void tl_channel_open(const tl_channel_settings *settings, tl_side side, void *const blocks[TL_SIDES],
                      tl_channel *channel);
 
-/* Returns the additional bytes in a side's block, aligned to 64; only that side may write them.
- * NULL if there are none. */
+/* Returns a pointer to the additional bytes in the block of `side`, aligned to 64 bytes; only that
+ * side may write them. NULL if `extra` is 0. */
 void *tl_channel_extra(const tl_channel_settings *settings, tl_side side, void *block);
 
 /* Writes a message into the ring. `payload` has the size of its type; NULL if that is 0. The
  * protocol must allow the message (asserted). Returns false if the ring is full or the channel is
- * broken. The other side sees the message after tl_channel_push(), _show() or _wait(). */
+ * broken. The other side sees the message only after tl_channel_push(), _show() or _wait(). */
 bool tl_channel_offer(tl_channel *channel, tl_message type, const void *payload);
 
 /* Publishes written messages without waking the other side. The other side finds them at its next
@@ -157,8 +157,8 @@ bool tl_channel_offer(tl_channel *channel, tl_message type, const void *payload)
  * tl_channel_push(), but call tl_channel_push() or tl_channel_wait() regularly. */
 void tl_channel_show(tl_channel *channel);
 
-/* Publishes how many messages were written and received, and wakes the other side if it waits for
- * them. */
+/* Publishes how many messages this side has written and received, and wakes the other side if it
+ * waits for them. */
 void tl_channel_push(tl_channel *channel);
 
 /* Reads the next message without blocking. Returns SOMETHING (*type and `payload` are set), NOTHING
@@ -169,15 +169,15 @@ tl_channel_event tl_channel_take(tl_channel *channel, tl_message *type, void *pa
  * condition; at least one must be above 0, and both are at most TL_CHANNEL_DEPTH. Returns:
  * SOMETHING: a condition is met, or partly met while the other side sleeps, or an urgent message
  *            has arrived.
- * NOTHING:   the instant `until` (CLOCK_MONOTONIC, ns) has passed; fewer messages or slots than
- *            wanted may be there.
+ * NOTHING:   the instant `until` (CLOCK_MONOTONIC, ns) has passed; there may be some messages or
+ *            slots, but too few.
  * NUDGED:    tl_channel_nudge() was called, or a signal arrived.
  * BROKEN:    the channel is broken. */
 tl_channel_event tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t room, tl_time until);
 
 /* Makes the present or next tl_channel_wait() of this side return TL_CHANNEL_NUDGED. If the thread
- * sleeps there, waits until it has noticed. Any other thread of this side may call it while the
- * channel is open; signal handlers must not. */
+ * sleeps there, waits until the thread has noticed. Any other thread of this side may call it while
+ * the channel is open; signal handlers must not. */
 void tl_channel_nudge(tl_channel *channel);
 
 #endif

@@ -13,12 +13,13 @@
  * files (Landlock controls reading, not stat()). It can use all processor time, and read the listed
  * folders. It can fill the disk with removed but still open files, up to the limits of file size
  * and of bounds.h.
- * Others:  a process without FMUs also drops what it does not need. With `plant` it can still open
- *          what its plant driver needs, but no other kind of socket or device. It can connect by
- *          TCP to `ports` only, from Linux 6.7 on. With `keeps_files` a recorder can remove and
- *          rename files below its writable folders, and change mode and owner of open files.
- *          Neither can listen, start programs or reach a local socket. With `is_server` a server
- *          that already listens can accept connections, and connect to local sockets only.
+ * Others:  a process without FMUs also drops what it does not need. With `plant`, an io process can
+ *          still open what its plant driver needs, but no other kind of socket or device. From
+ *          Linux 6.7 on, it can connect by TCP to `ports` only. With `keeps_files`, a recorder can
+ *          remove and rename files below its writable folders, and change mode and owner of open
+ *          files. Neither of these can listen, start programs or reach a local socket. With
+ *          `is_server`, a server that already listens can accept connections, and connect to local
+ *          sockets only.
  * Thread:  call from the thread that will load FMUs, preferably before other threads exist.
  *          Landlock and capabilities apply to the calling thread and the threads that it starts.
  *          With whole_process the system call list, the limits and the user apply to all threads.
@@ -53,7 +54,7 @@ typedef struct tl_confine_settings {
      * sanitizer's own memory is larger. */
     uint64_t memory;
     uint32_t user;      /* user and group ID to change to, needs root; the group needs access to `folder`; 0: none */
-    int start_socket;   /* the only socket that allows sendmsg(), to hand over the listener; -1: none */
+    int start_socket;   /* the only socket that allows sendmsg(), to pass on `listener` (tl_confine()); -1: none */
     bool whole_process; /* applies the system call list to all threads, else to the caller's */
     const tl_plant_access *plant; /* what the plant driver of the process needs; NULL: no driver */
     bool names;                   /* the driver resolves host names */
@@ -61,16 +62,16 @@ typedef struct tl_confine_settings {
     size_t port_count;
     bool keeps_files;    /* see Others above */
     bool is_server;      /* see Others above */
-    bool only_denies;    /* true: signalling or tracing another process fails; false: it kills this process */
-    int landlock;        /* private: version in use; 0: none */
-    int landlock_newest; /* highest version to use, for tests; -1: no Landlock; 0: that of the kernel */
+    bool only_denies;    /* true: signalling or tracing another process only fails; false: it kills this process */
+    int landlock;        /* private: Landlock version in use; 0: none */
+    int landlock_newest; /* highest Landlock version to use, for tests; -1: no Landlock; 0: that of the kernel */
 } tl_confine_settings;
 
-/* What is enforced, or what the kernel supports. */
+/* What tl_confine() enforces, or what the kernel supports (tl_confine_probe()). */
 typedef struct tl_confine_facts {
     bool filter;   /* filter of system calls */
     bool notifies; /* refused calls can be reported (refusal.h) */
-    int landlock;  /* version ("ABI"); 0: none */
+    int landlock;  /* version of Landlock ("ABI"); 0: none */
     bool memory;   /* memory limit */
     bool user;     /* separate user: protects files of other users also without Landlock */
 } tl_confine_facts;
@@ -107,13 +108,13 @@ void tl_confine_describe(const tl_confine_facts *facts, char text[TL_CONFINE_TEX
  * Thread:  any.
  */
 
-/* Return true if the kernel supports filters, and if it can report refused calls. */
+/* Return true if the kernel supports filters (first), or can report refused calls (second). */
 bool tl_filter_is_offered(void);
 bool tl_filter_can_notify(void);
 
-/* Loads the filter. If `listener` is NULL, refused calls are not reported. Else *listener becomes a
- * descriptor. It is -1 if the kernel cannot report calls, or if another process already receives
- * them.
+/* Loads the filter. If `listener` is NULL, refused calls are not reported. Else *listener becomes
+ * the descriptor for tl_refusal_take(), or -1 if the kernel cannot report calls, or if another
+ * process already receives them.
  * Errors:  TL_TRY_AGAIN if the filter could not be loaded. */
 tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_error *error);
 

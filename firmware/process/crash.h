@@ -9,10 +9,11 @@
  * Stack:   the main thread and the FMU thread have an alternate signal stack, so that stack
  *          overflows are reported too.
  * Others:  a handler that was installed before ours (a sanitizer's) is called after the line is
- *          written. If an FMU installs a handler, host_state.h restores ours, and ours calls the
+ *          written. If an FMU installs a handler, host_state.h restores ours, which then calls the
  *          FMU's handler first. If the FMU's handler returns or jumps away (longjmp), the signal
- *          counts as handled, because virtual machines handle null pointers this way. If it raises
- *          the signal again, as Python's faulthandler does, our handler reports the crash.
+ *          counts as handled, because virtual machines handle null pointers this way. If the FMU's
+ *          handler raises the signal again, as Python's faulthandler does, our handler reports the
+ *          crash.
  * Late:    after tl_process_complete() the line is a warning, and the process exits as planned.
  * Caught:  see TL_CRASH_CATCH().
  * Thread:  install from one thread; each thread calls tl_crash_enter() for itself.
@@ -29,20 +30,20 @@ typedef enum tl_crash_thread {
 } tl_crash_thread;
 
 /* Installs the handlers and marks the calling thread as ours. Call it at the start of the process,
- * and again in a child after fork(). A forked child that does not call it reports nothing; so a
- * process that an FMU forks never reports for us. Ignored signals stay ignored. */
+ * and again in a child after fork(). A forked child that does not call this function reports no
+ * crash; so a process that an FMU has forked reports none. Ignored signals stay ignored. */
 void tl_crash_install(void);
 
 /* Sets the kind of the calling thread. At most one thread at a time may call FMUs. */
 void tl_crash_enter(tl_crash_thread entered);
 
-/* ---- Catches a crash in a call that another method can replace.
+/* ---- Catches a crash in an FMU call, if the caller can do without that call.
  *
  * TL_CRASH_CATCH() works like setjmp(): it is false at first. If the calling thread crashes before
  * tl_crash_catch_end(), execution continues at TL_CRASH_CATCH(), which is then true. So the
- * function that uses it must not return before tl_crash_catch_end(), and must not change its local
- * variables in between. After a crash the FMU's memory may be inconsistent, and the FMU's locks are
- * not released. Only for the thread that calls FMUs. */
+ * function that uses TL_CRASH_CATCH() must not return before tl_crash_catch_end(), and must not
+ * change its local variables in between. After a crash the FMU's memory may be inconsistent, and
+ * the FMU's locks are not released. Only for the thread that calls FMUs. */
 #define TL_CRASH_CATCH() (sigsetjmp(*tl_crash_catch_begin(), 0) != 0)
 
 /* Private: use TL_CRASH_CATCH(). */

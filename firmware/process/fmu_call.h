@@ -54,7 +54,7 @@ typedef enum tl_fmu_function {
 
 /* Fields are private. Zeroed: no calls. */
 typedef struct tl_fmu_calls {
-    uint32_t begun;  /* number of calls so far; all calls in a step of one FMU count as one; wraps around */
+    uint32_t begun;  /* number of calls so far; all calls in one step of one FMU count as one; wraps around */
     uint32_t now;    /* present call: number of the FMU + function; 0: none */
     uint32_t fmus;   /* number of names in use */
     uint32_t asked;  /* 1: the process has noted the signal to end */
@@ -64,7 +64,7 @@ typedef struct tl_fmu_calls {
 
 /* A call, as read from the block. */
 typedef struct tl_fmu_call {
-    uint32_t begun;       /* number of the call; equal in two reads: the same call, or the same step of the FMU */
+    uint32_t begun;       /* number of the call; equal in two reads: the same call, or the same step of the same FMU */
     const char *function; /* for example "fmi2DoStep" */
     char fmu[TL_FMU_CALL_NAME];
 } tl_fmu_call;
@@ -96,8 +96,8 @@ void tl_fmu_calls_note_end_request(void);
  * functions are inline, so that an FMU call costs hardly more. */
 static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function);
 static inline void tl_fmu_call_begin_in(tl_fmu_calls *block, uint32_t fmu, tl_fmu_function function);
-/* Continues the present call with another function, without counting a new call, because counting
- * costs more than storing the function. `block`: tl_fmu_calls_block, which no call changes. */
+/* Notes another function as part of the present call, without counting a new call, because counting
+ * costs more than storing the function. `block`: tl_fmu_calls_block. */
 static inline void tl_fmu_call_continue(tl_fmu_calls *block, uint32_t fmu, tl_fmu_function function);
 static inline void tl_fmu_call_end(void);
 /* Notes that the present call has failed. */

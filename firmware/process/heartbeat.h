@@ -1,12 +1,12 @@
-/* Heartbeats: show another process that threads are alive. They are in the shared status block of a
- * process, with other data that the supervisor needs.
+/* Heartbeats: show the supervisor that the threads of another process are alive. They are in that
+ * process's status block (shared memory), with other data for the supervisor.
  *
  * Purpose: the threads of a process count their heartbeats, and the supervisor (supervisor.h) polls
  *          the counters. The block also contains a ready flag, a status line, the current FMU call
  *          (fmu_call.h), and, before the process ends, the end cause.
- * Clock:   heartbeats are counted, without a time stamp. The supervisor adds up the time without a
- *          change, at most TL_HEARTBEAT_POLL per poll. So a change of the clock, a suspended
- *          machine or a late supervisor causes no false alarm.
+ * Clock:   heartbeats are counted, without a time stamp. The supervisor adds up how long a count
+ *          has not changed, at most TL_HEARTBEAT_POLL per poll. So a change of the clock, a
+ *          suspended machine or a late supervisor causes no false alarm.
  * Memory:  the caller provides a zeroed block (block.h) that the monitored process writes. It has
  *          room for TL_HEARTBEATS threads.
  * Thread:  a heartbeat belongs to the thread that started it. The supervisor polls from another
@@ -34,8 +34,8 @@ enum {
  * much is added. */
 #define TL_HEARTBEAT_POLL (TL_SECOND / 5)
 
-/* Longest time without any started heartbeat, ns, if the process had one before. The heartbeat of
- * the main thread is never stopped, so a process without heartbeats is faulty. */
+/* Longest allowed time without any started heartbeat, ns, if the process had one before. The main
+ * thread never stops its heartbeat, so a process without heartbeats is faulty. */
 #define TL_HEARTBEAT_NONE (2 * TL_SECOND)
 
 /* Heartbeat of one thread. Fields are private. */
@@ -92,11 +92,11 @@ void tl_heartbeats_announce(tl_heartbeats *beats, tl_end_cause why, int code);
 typedef struct tl_heartbeats_seen {
     uint64_t beats[TL_HEARTBEATS];
     tl_time silence[TL_HEARTBEATS]; /* ns */
-    bool had;                       /* at least one heartbeat was monitored */
-    tl_time no_heart;  /* how long no heartbeat has been active, ns, counted only if `had`; 0 if one is active */
-    tl_time polled_at; /* instant of the last poll, ns; 0: none */
-    uint32_t call;     /* number of the current FMU call */
-    tl_time lasted;    /* its observed duration, ns */
+    bool had;                       /* the process has had a started heartbeat */
+    tl_time no_heart;               /* how long there has been no started one, ns, counted only if `had`; else 0 */
+    tl_time polled_at;              /* instant of the last poll, ns; 0: none */
+    uint32_t call;                  /* number of the FMU call at the last poll */
+    tl_time lasted;                 /* duration of that call so far, ns */
 } tl_heartbeats_seen;
 
 /* Polls all heartbeats at the instant `now` (ns). Returns NULL if all threads are alive. Else

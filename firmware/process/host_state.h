@@ -160,8 +160,8 @@ unsigned tl_host_state_restore(void);
  * changed. */
 unsigned tl_host_state_restore_part(void);
 
-/* Callback after one of our handlers was restored. `foreign`: the handler that an FMU had installed
- * in its place. */
+/* Callback after one of the program's handlers was restored. `foreign`: the handler that an FMU had
+ * installed instead. */
 typedef void tl_host_state_displaced(int signal, const struct sigaction *foreign);
 
 /* Installs a handler of the program like sigaction(). From now on tl_host_state_restore() restores

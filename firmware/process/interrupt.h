@@ -15,7 +15,7 @@
  * SIGHUP stays ignored. */
 void tl_interrupt_install(void);
 
-/* Returns true if SIGHUP is ignored, as with nohup. Then the program continues without its
+/* Returns true if this process ignores SIGHUP, as with nohup. Then it continues without its
  * terminal. */
 bool tl_interrupt_ignores_hangup(void);
 
@@ -25,7 +25,7 @@ const char *tl_interrupt_requested(void);
 /* Returns the number of the last signal received; 0: none. */
 int tl_interrupt_signal(void);
 
-/* Returns how many of these signals were received. */
+/* Returns how many SIGINT, SIGTERM and SIGHUP were received. */
 unsigned tl_interrupt_times(void);
 
 /* Reinstalls our handlers of SIGINT, SIGTERM and SIGHUP if an FMU has replaced them or ignores the

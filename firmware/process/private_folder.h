@@ -2,12 +2,12 @@
  * when the process has ended.
  *
  * Purpose: makes a new folder twinlock-KIND-PID-XXXXXX in $TMPDIR (default: /tmp), mode 0700, and
- *          locks it while it is in use. Before that, removes folders of the same kind that are not
- *          locked and whose process has ended.
+ *          locks it while it is in use. Before that, removes older folders of the same kind that
+ *          are not locked and whose process has ended.
  * Trust:   the contents may be hostile. Removing follows no links, opens folders whatever their
  *          mode, and needs constant memory and descriptors for any depth and number of files.
- * Parent:  a confined process may not remove files. It calls tl_private_folder_leave(), and its
- *          parent removes the folders.
+ * Parent:  a confined process may not remove files. So it calls tl_private_folder_leave(), and its
+ *          parent removes its folders.
  * Owner:   the caller owns the struct, which must not move until the folder is removed.
  * Errors:  TL_TRY_AGAIN if space or descriptors are missing, or if TMPDIR cannot be used.
  * Thread:  one thread at a time per folder.
@@ -20,7 +20,7 @@
 
 #include "master/base/status.h"
 
-enum { TL_PRIVATE_FOLDER_ROOM = 1026 }; /* bytes of PATH_MAX that remain for file names in the folder */
+enum { TL_PRIVATE_FOLDER_ROOM = 1026 }; /* bytes of PATH_MAX that `path` leaves free, for file names */
 
 /* Zeroed: no folder. */
 typedef struct tl_private_folder {

@@ -1,14 +1,14 @@
-/* Process end: all our processes end through this module.
+/* Process end: the processes of this program end through this module.
  *
  * Purpose: once the work is done, no FMU code can change the exit code. Output is flushed for at
  *          most 1 s, and the process exits. It runs no destructor of an FMU and no exit handler,
  *          and does not join threads that an FMU has started.
  * Scripts: interpreters are an exception (tl_process_run_exit_handlers()). Their exit handlers run,
  *          because these write what scripts have printed. If a handler crashes, or if all take
- *          longer than TL_PROCESS_END_S, the process exits with the planned exit code.
- * exit():  if an FMU calls exit(), the process exits with 70, and the log names the FMU and its
- *          function; exception: tl_process_complete(). A call of _exit() cannot be detected from
- *          inside the process.
+ *          longer than TL_PROCESS_END_S, the process exits with the planned exit code. exit(): if
+ *          an FMU calls exit(), the process exits with 70, and the log names the FMU and the
+ *          function that called it. Exception: see tl_process_complete(). A call of _exit() cannot
+ *          be detected from inside the process.
  * Thread:  tl_process_begin() and tl_process_end() from the main thread; all others from any.
  */
 #ifndef TL_FIRMWARE_PROCESS_PROCESS_END_H
@@ -46,8 +46,9 @@ void tl_process_set_saver(tl_process_saver *keeper, void *context);
 /* From now on tl_process_end() runs exit handlers, because an interpreter was opened. */
 void tl_process_run_exit_handlers(void);
 
-/* For the crash handler: exit at once with the planned exit code. The first function exits only if
- * the process is already ending, the second one only after tl_process_complete(). */
+/* For the crash handler: exit at once with the planned exit code, and else return. The first
+ * function exits only if the process is already ending, the second one only after
+ * tl_process_complete(). */
 void tl_process_end_if_ending(void);
 void tl_process_end_if_complete(void);
 

@@ -1,5 +1,5 @@
-/* Refused system calls of a confined process (confine.h), and the FMUs that made them. Messages
- * call them "denied".
+/* Refused system calls of a confined process (confine.h), and the FMUs that made them. Messages for
+ * users call them "denied".
  *
  * Thread:  see each section.
  */
@@ -18,8 +18,8 @@
  *          The kernel blocks the thread that makes such a call, until this module receives the call
  *          and answers it, always with EPERM. Meanwhile the monitor can find out which FMU made the
  *          call.
- * Cost:    a refused call waits for the next poll. Poll often; in each poll, receive every waiting
- *          call and answer it immediately.
+ * Cost:    the calling thread waits until the next poll. Poll often; in each poll, receive every
+ *          waiting call and answer it immediately.
  * Memory:  no heap is used after the first received call. Another thread of the monitor may hold
  *          the lock of the heap inside fork(), and may itself wait for an answer.
  * Thread:  any, one at a time.
@@ -45,7 +45,7 @@ void tl_refusal_answer(int listener, const tl_refusal *refusal);
  *
  * Purpose: the process that answers refused calls reports which FMU made which system call, in
  *          which FMI function. Repeated calls are reported once.
- * Bound:   TL_FMU_REFUSALS (64) messages; calls of further pairs are answered but not reported.
+ * Bound:   TL_FMU_REFUSALS (64) messages. Refused calls of further pairs are not reported.
  * Memory:  only the struct, which the caller owns.
  * Thread:  one at a time; the owner locks it if necessary.
  */
@@ -69,8 +69,9 @@ typedef struct tl_fmu_refusals {
     size_t count;
 } tl_fmu_refusals;
 
-/* Notes a refused call. Call it before tl_refusal_answer(): the thread is still blocked, so `calls`
- * (of its process) shows which FMI function runs. Returns true if there is a new message. */
+/* Notes a refused call. Use it before tl_refusal_answer(): the calling thread is still blocked, so
+ * `calls` (of its process, fmu_call.h) shows which FMI function is running. Returns true if there
+ * is a new message. */
 bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_calls *calls);
 
 /* Returns the next message that was not yet reported, or NULL. *reported_count counts the reported
@@ -78,7 +79,7 @@ bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, 
 const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *reported_count);
 
 /* Returns true if a system call was refused in the FMI call that failed, or outside of any FMI
- * call: the refusal may have caused the failure. Call it after the process has ended. */
+ * call. Then the refusal may have caused the failure. Call it after the process has ended. */
 bool tl_fmu_refusals_may_be_cause(const tl_fmu_refusals *refusals, const tl_fmu_calls *calls);
 
 #endif

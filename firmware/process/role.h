@@ -2,9 +2,9 @@
  * resources for this task.
  *
  * Purpose: a child with a role inherits no memory, no handlers, no terminal, and only the given
- *          descriptors. The program file is opened once at the start, and children are executed
- *          from that descriptor. So an upgrade of the file does not affect a running system. The
- *          kernel kills the child when its parent ends.
+ *          descriptors. The program file is opened once at the start, and all children execute this
+ *          open file. So an upgrade of the file does not affect a running system. The kernel kills
+ *          a child when its parent ends.
  * Title:   argv[0] is "twinlock: TITLE", as ps shows it.
  * Without exec: an emulator of another processor (qemu-user) cannot execute a descriptor. Without
  *               /proc there is no descriptor. Then the forked child does not execute the program:
@@ -47,16 +47,16 @@ typedef struct tl_role {
 
 /* ---- at the start of every process ---- */
 
-/* Call it first in main(). Returns the title of the role, which is part of `argv`. Returns NULL if
- * the process has no role; then also opens the program file. */
+/* Call it first in main(). Returns the title of the role, which is part of `argv`. If the process
+ * has no role, opens the program file and returns NULL. */
 const char *tl_role_begin(char *const *argv);
 
 /* In a process with a role: changes its title. The new title is truncated to the length of the
  * original one, which can be padded with spaces to reserve room. */
 void tl_role_entitle(const char *title);
 
-/* In a process with a role that starts children: opens the program file that tl_role_start()
- * executes. */
+/* Call it in a process with a role before it starts children: opens the program file that
+ * tl_role_start() executes. */
 void tl_role_open_program(void);
 
 /* In a process without a role, after all its children have ended: executes the program again with

@@ -15,7 +15,7 @@
 /* Sends lines of sd_notify(3): "READY=1", "WATCHDOG=1", "STATUS=…", "STOPPING=1". Does not block.
  * Returns false if no socket could be opened, or if the socket is full because the service manager
  * has not read earlier lines. A real-time process may keep the service manager from running, so
- * never wait for it. Returns true without a service manager. */
+ * never wait for it. Without a service manager, returns true. */
 bool tl_service_notify(const char *state);
 
 /* Returns the unit's WatchdogSec, ns: the longest time between two "WATCHDOG=1"; 0: no watchdog. */

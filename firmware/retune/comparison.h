@@ -1,5 +1,5 @@
-/* Compares a candidate configuration with the active one: forecasts the time and memory of its
- * twin, and compares its shadow with the run's twin.
+/* Compares a candidate configuration with the active one: forecasts the time and memory that the
+ * candidate's twin needs, and compares this twin, as a shadow, with the run's twin.
  *
  * Thread:  one thread.
  */
@@ -18,7 +18,7 @@
 
 enum { TL_FORECAST_TEXT = 192 };
 
-/* Text in the reason if a shadow ended, or its comparison failed, because the box is too slow. */
+/* This text is part of the reason if a shadow or a comparison fails because the box is too slow. */
 #define TL_COMPARISON_TWO_TWINS "this box is too slow for two twins"
 
 /* Writes "a step takes 0.15 ms of its 10 ms, and 2.3 ms with a complete search", or what is unknown
@@ -34,13 +34,13 @@ uint64_t tl_forecast_memory_left(void);
 
 /* ---- Comparison of the run's twin with the shadow over the same live time.
  *
- * Purpose: reports what both twins did in that time, and decides whether the shadow may become the
- *          live twin. Pure logic: the caller passes both states.
+ * Purpose: reports what both twins did in the compared time, and decides whether the shadow may
+ *          become the live twin. Pure logic: the caller passes the states of both twins.
  * Too slow: the box is too slow for two twins if the run's twin misses too many deadlines or skips
- *          too many ticks while the shadow runs. Its counts are compared with those before the
- *          shadow started, by the rule in probation.h. Skipped ticks count only if they form at
- *          least TL_PROBATION_MISSES gaps (gap: one or more skipped ticks in a row). The box is
- *          also too slow if a twin skips more than a quarter of its ticks.
+ *          too many ticks while the shadow runs. The counts of the run's twin are compared with its
+ *          counts before the shadow started, by the rule in probation.h. Skipped ticks count only
+ *          if they form at least TL_PROBATION_MISSES gaps (gap: one or more skipped ticks in a
+ *          row). The box is also too slow if a twin skips more than a quarter of its ticks.
  * Refused: the candidate is refused if its shadow's share of steps in lock is below the required
  *          one, and below that of the run's twin. It is also refused if the shadow executed no
  *          step.
@@ -50,10 +50,10 @@ uint64_t tl_forecast_memory_left(void);
  *          the run's tolerance, and TL_COMPARISON_TIMES the error of the run's twin. Errors are
  *          root mean squares over at least TL_COMPARISON_PAIRS pairs. The candidate's own tolerance
  *          does not count, because with a wide tolerance a twin far from the plant is in lock.
- *          Noise of the plant affects both twins alike, and is below the tolerance.
- *          The lock is also evaluated by the tolerances of the version before. The shadow is worse
- *          if its share of steps in lock is then below the required one, and below that of the
- *          run's twin. The client may activate a worse candidate (TL_CONTROL_ACCEPT_WORSE).
+ *          Noise of the plant affects both twins alike, and is below the tolerance. The lock is
+ *          also evaluated by the tolerances of the version before. By them too, the shadow's share
+ *          of steps in lock must reach the required one or that of the run's twin. If not, the
+ *          candidate is worse. The client may activate a worse candidate (TL_CONTROL_ACCEPT_WORSE).
  * Deadlines: missed deadlines of the shadow are only reported, because it has no real-time priority
  *            yet.
  * Failure: if the run's twin failed and restarted meanwhile, the result is TL_COMPARISON_BAD.
@@ -62,20 +62,20 @@ uint64_t tl_forecast_memory_left(void);
  * Thread:  plain data.
  */
 
-/* Sizes of texts, bytes; numbers of the rule "worse". */
+/* Sizes of texts, bytes; the two numbers of the rule Worse. */
 enum { TL_COMPARISON_TEXT = 256, TL_COMPARISON_LOCK = 64, TL_COMPARISON_TIMES = 2, TL_COMPARISON_PAIRS = 10 };
 
 /* The caller sets `before`; the other fields are private. */
 typedef struct tl_comparison {
     tl_run_status before;       /* the run's twin, before the shadow started */
-    tl_run_status shadow, twin; /* states at the beginning; after tl_comparison_end() the differences since then */
+    tl_run_status shadow, twin; /* states at tl_comparison_begin(); after tl_comparison_end() differences since then */
 } tl_comparison;
 
 typedef enum tl_comparison_result {
     TL_COMPARISON_GOOD,
     TL_COMPARISON_TOO_SLOW, /* the box is too slow for two twins */
     TL_COMPARISON_BAD,      /* the candidate is refused */
-    TL_COMPARISON_WORSE     /* an output is worse, or the lock is worse by the tolerances of the version before */
+    TL_COMPARISON_WORSE     /* the rule Worse applies */
 } tl_comparison_result;
 
 /* Begin and end the compared time. `shadow`, `twin`: states of both at the same moment. */

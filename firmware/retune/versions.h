@@ -21,8 +21,8 @@
  *
  * Purpose: saves each configuration that became active, with user, time, reason and result. Also
  *          saves each changed configuration file, even if the start of a run refuses it. Any saved
- *          version can become active again. A refused request of a client is only in the list of
- *          refused changes (below).
+ *          version can become active again. A refused candidate of a client is no version, but is
+ *          in the list of refused changes (below).
  * Files:   HASH.json: a text, byte for byte, named by its SHA-256. NUMBER.record.json: the record
  *          of a version. active.json: the active version, the probation in progress, the result of
  *          the last probation, and the hash of the configuration file that was processed last.
@@ -31,7 +31,8 @@
  *          change takes effect when active.json is replaced. So a power cut leaves the state before
  *          or the state after a change. When the folder is opened, the results in the records are
  *          corrected from active.json.
- * Time:    the remaining time of a probation is saved, not its end. No decision depends on a date.
+ * Time:    a probation is saved with its remaining time, not its end. No decision depends on a
+ *          date.
  * Bound:   TL_VERSIONS_MOST versions and TL_VERSIONS_BYTES of texts; the oldest are removed first.
  *          These are never removed: the oldest, the newest and the active version; the parent of
  *          the active one; the target of a rollback; the newest commissioned version
@@ -47,7 +48,7 @@ enum { TL_VERSIONS_MOST = 50, TL_VERSIONS_BYTES = 16 * 1024 * 1024, TL_VERSION_W
 
 /* Result of a version. */
 typedef enum tl_version_result {
-    TL_VERSION_CANDIDATE,   /* added, neither activated nor refused yet */
+    TL_VERSION_CANDIDATE,   /* added to the list, neither activated nor refused yet */
     TL_VERSION_ACTIVE,      /* activated without a probation */
     TL_VERSION_PROBATION,   /* active, on probation */
     TL_VERSION_KEPT,        /* kept after a probation */
@@ -65,8 +66,8 @@ typedef struct tl_version {
     char hash[TL_SHA256_TEXT];
     uint64_t size; /* bytes of its text */
     tl_change_origin origin;
-    tl_change_right right; /* that the change needed; of a file read at a start: commission */
-    tl_change_kind kind;   /* of the change from its parent; TL_CHANGE_RESTART for the first */
+    tl_change_right right; /* right that the change needed; for a file that a start has read: TL_RIGHT_COMMISSION */
+    tl_change_kind kind;   /* kind of the change from the parent; TL_CHANGE_RESTART for the first version */
     tl_version_result result;
     char who[TL_VERSION_WHO];    /* name of the user */
     char why[TL_VERSION_WHY];    /* the user's reason for the change */
@@ -78,7 +79,7 @@ typedef struct tl_version {
 
 /* The probation in progress. */
 typedef struct tl_version_probation {
-    uint64_t version;             /* the active one; 0: no probation */
+    uint64_t version;             /* the version on probation, which is the active one; 0: no probation */
     uint64_t return_to;           /* target of a rollback */
     tl_probation_account account; /* progress, as saved last */
 } tl_version_probation;
@@ -86,9 +87,9 @@ typedef struct tl_version_probation {
 typedef struct tl_versions {
     tl_version *list; /* ascending by number */
     size_t count;
-    uint64_t active; /* number; 0: no version was activated yet */
+    uint64_t active; /* number of the active version; 0: no version was activated yet */
     tl_version_probation probation;
-    char file_hash[TL_SHA256_TEXT]; /* of the file that was activated or refused last; "": none */
+    char file_hash[TL_SHA256_TEXT]; /* hash of the configuration file that was activated or refused last; "": none */
     /* private */
     size_t room;                      /* capacity of the list */
     uint64_t newest;                  /* the highest number used so far */
@@ -99,7 +100,7 @@ typedef struct tl_versions {
 } tl_versions;
 
 /* Opens the folder versions/ in the folder `state`; makes versions/ if it is missing. `state` must
- * exist. Reads all records, corrects results after a power cut, and removes its leftover files.
+ * exist. Reads all records. After a power cut, corrects the results and removes incomplete files.
  * Logs and skips damaged records. If active.json is damaged, the newest good version becomes
  * active. */
 tl_status tl_versions_open(const char *state, tl_versions *versions, tl_error *error);
@@ -119,10 +120,10 @@ const tl_version *tl_versions_active(const tl_versions *versions);
 /* Returns the newest version with this hash, or NULL. */
 const tl_version *tl_versions_of_hash(const tl_versions *versions, const char *hash);
 
-/* Returns the newest commissioned version, or NULL. A commissioned version was kept, or activated
- * without a probation. It was also sent on the box without `--right`, or needed the right
- * `commission`. With the right `retune`, a tolerance may be widened only within limits relative to
- * this version (worker.h). */
+/* Returns the newest commissioned version, or NULL. Commissioned: the version was kept after a
+ * probation, or activated without one; and it was sent on the box without `--right`, or its change
+ * needed the right `commission`. With the right `retune`, a tolerance may be widened only within
+ * limits relative to this version (worker.h). */
 const tl_version *tl_versions_commissioned(const tl_versions *versions);
 
 /* Reads the text of a version, with a final NUL; the caller calls free(). Checks its hash and size.
@@ -141,8 +142,8 @@ typedef struct tl_version_candidate {
     tl_change_kind kind;
 } tl_version_candidate;
 
-/* Checks whether the disk has space for a version with a text of `size` bytes, by allocating and
- * freeing it. Reserves nothing. */
+/* Checks whether the disk has space for a version with a text of `size` bytes: allocates the space
+ * and frees it again. Reserves nothing. */
 tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_error *error);
 
 /* Adds a candidate and sets *number to its number. Its parent is the active version. Old versions
@@ -150,19 +151,20 @@ tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_er
 tl_status tl_versions_add(tl_versions *versions, const tl_version_candidate *candidate, uint64_t *number,
                           tl_error *error);
 
-/* Records that a candidate in the list is refused, with the reason. If it is the configuration
- * file, the file is marked as processed: it is a candidate again only after its next change. */
+/* Records that a candidate in the list is refused, with the reason. If the candidate is the
+ * configuration file, marks the file as processed: the file is a candidate again only after its
+ * next change. */
 tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char *reason, tl_error *error);
 
 /* Activates a version of the list, on probation with `account`; NULL: without a probation. A
- * probation in progress ends as rolled back, and the new version inherits its rollback target. The
- * new version has no probation if it is that target, or if no version was active before. If it is
- * the configuration file, the file is marked as processed. */
+ * probation in progress ends as rolled back, and the new version inherits the target of its
+ * rollback. The new version has no probation if it is that target, or if no version was active
+ * before. If the new version is the configuration file, marks the file as processed. */
 tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_probation_account *account,
                                tl_error *error);
 
-/* Rewrites the text of a version if its file is damaged or missing. `text` must be that text, else
- * returns TL_BAD_DATA. */
+/* Rewrites the text of a version whose file is damaged or missing. Returns TL_BAD_DATA if `text`
+ * does not have the hash of the version. */
 tl_status tl_versions_repair(const tl_versions *versions, uint64_t number, const char *text, size_t size,
                              tl_error *error);
 
@@ -170,8 +172,8 @@ tl_status tl_versions_repair(const tl_versions *versions, uint64_t number, const
  * with TL_BAD_DATA if no version is on probation. */
 tl_status tl_versions_save_probation(tl_versions *versions, const tl_probation_account *account, tl_error *error);
 
-/* Ends the probation. TL_VERSION_KEPT: its version remains active. TL_VERSION_ROLLED_BACK: the
- * target of the rollback becomes active again. Fails with TL_BAD_DATA if there is no probation. */
+/* Ends the probation. TL_VERSION_KEPT: the active version stays. TL_VERSION_ROLLED_BACK: the target
+ * of the rollback becomes active again. Fails with TL_BAD_DATA if there is no probation. */
 tl_status tl_versions_end_probation(tl_versions *versions, tl_version_result result, const char *reason,
                                     tl_error *error);
 
@@ -179,17 +181,17 @@ tl_status tl_versions_end_probation(tl_versions *versions, tl_version_result res
 
 /* The text that a run should use: that of a version, or the configuration file. */
 typedef struct tl_version_choice {
-    char *text;        /* of the version, with a final NUL; the caller calls free(). NULL: use the file */
+    char *text;        /* text of the version, with a final NUL; the caller calls free(). NULL: use the file */
     size_t size;       /* bytes of that text or of the file */
-    uint64_t number;   /* of the version; 0: the file, which is not a version yet */
-    bool is_candidate; /* the file is to be validated, and added with TL_ORIGIN_START */
+    uint64_t number;   /* number of the version; 0: use the file, which is not a version yet */
+    bool is_candidate; /* the caller must validate the file and add it with TL_ORIGIN_START */
 } tl_version_choice;
 
-/* Selects the text to run: the file as a candidate, if it differs from the active version and has
- * changed since it was processed, or if no version is active. Else the active version. If that is
- * damaged, activates an older version that can be read. If there is none, selects the file as a
- * candidate. The last two cases are logged. `file`: text of the file, `size` bytes; NULL: it cannot
- * be read. Returns TL_BAD_DATA if there is no text at all. */
+/* Selects the text to run. The file as a candidate: if it differs from the active version and has
+ * changed since it was processed, or if no version is active. Else the active version; if that is
+ * damaged, activates an older version that can be read, and if there is none, selects the file as a
+ * candidate. Both cases are logged. `file`: text of the file, `size` bytes; NULL: it cannot be
+ * read. Returns TL_BAD_DATA if there is no text at all. */
 tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
                              tl_error *error);
 

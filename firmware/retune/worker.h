@@ -6,7 +6,7 @@
  * Input:   a tl_worker_job and its texts, in a block that no process can change.
  * Result:  a tl_worker_result, in a block that the worker writes. The reader copies it, checks
  *          sizes and ranges, and cleans its texts. In the worst case, a false result accepts a bad
- *          candidate. Even then, the twin rejects a tuning that does not fit. A candidate that
+ *          candidate. Even then, the twin rejects a tuning that does not fit, and a candidate that
  *          needs a new twin first runs as a shadow, or on probation after a restart.
  * Waiting: tl_worker_start() waits for fork(). tl_worker_poll() does not wait; it kills a worker
  *          that has exceeded its time limit.
@@ -33,21 +33,21 @@
 #define TL_WORKER "worker"
 
 typedef enum tl_worker_kind {
-    TL_WORKER_VALIDATOR, /* parses the candidate, finds the changes; gives a tl_verdict. Sandboxed */
-    TL_WORKER_TRIAL,     /* starts the FMUs, executes and rolls back some steps, as `check`; gives a tl_trial_answer */
-    TL_WORKER_STATES,    /* tests whether another process can load the FMUs' saved states; gives `why` */
+    TL_WORKER_VALIDATOR, /* parses the candidate, finds its changes; result: tl_verdict. Sandboxed */
+    TL_WORKER_TRIAL,     /* starts the FMUs, executes and rolls back some steps, as `check`; result: tl_trial_answer */
+    TL_WORKER_STATES,    /* tests whether another process can load the FMUs' saved states; result: `why` */
     TL_WORKERS
 } tl_worker_kind;
 
 /* Texts of a job. */
 typedef enum tl_worker_text {
-    TL_WORKER_PATH,         /* of the configuration file; relative names start at its folder */
+    TL_WORKER_PATH,         /* path of the configuration file; relative file names start at its folder */
     TL_WORKER_CANDIDATE,    /* the configuration to validate or test */
     TL_WORKER_ACTIVE,       /* the active version; "": none */
-    TL_WORKER_KEPT,         /* the version that a probation would return to; "": the active one */
+    TL_WORKER_KEPT,         /* the version to which a probation would roll back; "": the active one */
     TL_WORKER_COMMISSIONED, /* the newest commissioned version (versions.h); "": the active one */
-    TL_WORKER_BOX_FILE,     /* the configuration file on the box, whose names are allowed too; "": unknown */
-    TL_WORKER_LIST,         /* the administrator's list of allowed names (config_change.h); "": none */
+    TL_WORKER_BOX_FILE,     /* text of the configuration file on the box, whose names are allowed too; "": unknown */
+    TL_WORKER_LIST,         /* text of the administrator's list of allowed names (config_change.h); "": none */
     TL_WORKER_LIST_PATH,    /* path of that list, for messages */
     TL_WORKER_TEXTS
 } tl_worker_text;
@@ -61,7 +61,7 @@ typedef struct tl_worker_job {
 
 typedef struct tl_worker_settings {
     const char *plant;                                 /* name for the process title */
-    tl_worker_job job;                                 /* its texts are needed only during tl_worker_start() */
+    tl_worker_job job;                                 /* its texts must be valid only during tl_worker_start() */
     tl_time limit;                                     /* ns until the worker is killed */
     int (*run_role)(const char *title, void *context); /* called in a forked copy if exec fails (role.h) */
     tl_relay_line *on_event; /* called with each line that the worker prints; NULL: lines are dropped */
@@ -75,8 +75,9 @@ enum { TL_VERDICT_PROBLEMS = 32, TL_VERDICT_CHANGES = 32, TL_VERDICT_WIDENED = 1
 /* Upper limit of tl_verdict.window, ns. It is longer than any configuration can require. */
 #define TL_VERDICT_LONGEST (1000000000 * TL_SECOND)
 
-/* A larger factor than this needs the right to commission. Factor: largest error of an output that
- * is still in lock, with the candidate, divided by that with the newest commissioned version. */
+/* Widening by a larger factor needs the right to commission. Factor: largest error of an output
+ * that is still in lock with the candidate, divided by that with the newest commissioned version.
+ */
 enum { TL_VERDICT_WIDEST = 3 };
 
 /* Result of a validator. */

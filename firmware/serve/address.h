@@ -24,8 +24,8 @@ bool tl_plain_name(const char *name);
 
 /* ---- Host names of this server.
  *
- * Purpose: a hostile web page in a user's browser can direct its own host name to this box ("DNS
- *          rebinding"). But the browser then sends the page's host name in the Host header. So the
+ * Purpose: a hostile web page in a user's browser can make its own host name point to this box
+ *          ("DNS rebinding") and send requests. Their Host header has the page's host name. So the
  *          server accepts only requests whose Host header has a name of this server.
  * Thread:  pure.
  */
@@ -39,15 +39,15 @@ typedef struct tl_host_names {
 tl_host_names tl_host_names_of(const tl_option_list *others);
 
 /* Returns true if `host` is a name of this server; upper and lower case are equal. `host`: value of
- * the Host header, with or without a port; NULL: the header is missing. `local`: text of the
- * address to which the client connected; it is also a valid name. If `local` is a loopback address,
- * "localhost" is valid too. */
+ * the Host header, with or without a port; NULL: the header is missing. `local`: address to which
+ * the client connected, as text; this text is a valid name too. If `local` is a loopback address,
+ * "localhost" is also valid. */
 bool tl_host_names_know(const tl_host_names *names, const char *host, const char *local);
 
 /* ---- Client addresses: for counting and as text.
  *
- * Purpose: limits and delays apply to each address. An IPv6 network (/64) counts as one address,
- *          because a client with one address of it can use them all.
+ * Purpose: limits and delays apply to each client address. An IPv6 network (/64) counts as one
+ *          address, because a client with one address in the network can use them all.
  * Thread:  pure.
  */
 
@@ -59,7 +59,7 @@ typedef struct tl_address {
     bool is_ipv6;
 } tl_address;
 
-/* Returns zeros for other families. */
+/* Returns the address of a socket address for counting; zeros for other address families. */
 tl_address tl_address_of(const struct sockaddr *socket);
 
 /* Returns true if both are equal. */

@@ -16,8 +16,8 @@
 
 enum { TL_FINGERPRINT_TEXT = 96 }; /* bytes of a fingerprint's text, with the NUL */
 
-/* Fingerprints that clients compare, because no authority has signed the certificate. The pin does
- * not change if the certificate is renewed with the same key. */
+/* Fingerprints that clients compare, because usually no authority has signed the certificate. `pin`
+ * does not change if the certificate is renewed with the same key. */
 typedef struct tl_fingerprint {
     char pin[TL_FINGERPRINT_TEXT]; /* "sha256//" and base64: SHA-256 of the public key, for `curl --pinnedpubkey` */
     char certificate[TL_FINGERPRINT_TEXT]; /* "AB:CD:…": SHA-256 of the certificate, as browsers show it */
@@ -25,7 +25,7 @@ typedef struct tl_fingerprint {
 
 /* PEM texts. The caller frees them with tl_certificate_free(). Zeroed: there is no certificate. */
 typedef struct tl_certificate {
-    char *chain; /* the server's certificate, then those of its authorities, if any */
+    char *chain; /* the server's certificate, then those of the authorities that signed it, if any */
     char *key;
     tl_fingerprint fingerprint;
 } tl_certificate;

@@ -10,7 +10,7 @@
 
 #include "firmware/retune/control.h"
 
-/* Bytes with the NUL: of a target, and of the reason for a refusal. */
+/* Bytes, with the NUL: of a request target (path and query), and of the reason for a refusal. */
 enum { TL_HTTP_TARGET = 1024, TL_HTTP_SENTENCE = 256 };
 
 /* The statuses that this server sends. */
@@ -35,7 +35,7 @@ typedef enum tl_http_status {
     TL_HTTP_TIMEOUT = 504
 } tl_http_status;
 
-/* Parts of the HTTP request, as text. Of a header: NULL if it is missing. */
+/* Parts of the HTTP request, as text. A header that is missing is NULL. */
 typedef struct tl_http_words {
     const char *method;
     const char *target; /* "/api/v1/plants/motor?x=1", not decoded */
@@ -46,14 +46,14 @@ typedef struct tl_http_words {
 } tl_http_words;
 
 typedef struct tl_http_request {
-    bool wants_plants;           /* asks for the list of all plants; else `control` is the request */
+    bool wants_plants;           /* true: asks for the list of all plants; false: `control` is the request */
     bool is_change;              /* the request may change something, so the audit logs it */
     char plant[TL_CONTROL_NAME]; /* "motor" */
-    size_t body;                 /* announced bytes of the body; 0: none */
-    tl_control_request control;  /* all fields but `right` and `who` */
+    size_t body;                 /* bytes of the body, as its header announces; 0: no body */
+    tl_control_request control;  /* request for the plant: all fields but `right` and `who` */
 } tl_http_request;
 
-/* Parses a request. Returns TL_HTTP_OK; or the status of a refusal, with the reason in `sentence`.
+/* Parses a request. Returns TL_HTTP_OK, or the status of a refusal, with the reason in `sentence`.
  */
 tl_http_status tl_http_request_read(const tl_http_words *words, tl_http_request *request,
                                     char sentence[TL_HTTP_SENTENCE]);

@@ -14,13 +14,13 @@
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
-/* ---- Delays after wrong tokens, one for each address.
+/* ---- Delays after wrong tokens, one for each client address (address.h).
  *
  * Purpose: limits how fast an address can guess tokens.
  * Rule:    the first three wrong tokens cause no delay. After each further one the address must
  *          wait 1 s, 2 s, 4 s … 64 s. In this time the server checks no token from this address.
- *          Only ten minutes without a wrong token reset the count. A right token does not reset it:
- *          otherwise its owner could guess other tokens without a delay.
+ *          Only ten minutes without a wrong token reset the count. A right token does not reset the
+ *          count: otherwise its owner could guess other tokens without a delay.
  * Bound:   TL_TOKEN_DELAYS addresses. If the table is full, a new address replaces the one whose
  *          last wrong token is the oldest.
  * Thread:  one; times are monotonic.
@@ -31,7 +31,7 @@ enum { TL_TOKEN_DELAYS = 256 };
 typedef struct tl_token_delay {
     tl_address address;
     unsigned wrong; /* number of wrong tokens; 0: the row is free */
-    tl_time last;   /* time of the last wrong token */
+    tl_time last;   /* instant of the last wrong token, ns */
 } tl_token_delay;
 
 /* Begins as zeros. */
@@ -39,7 +39,7 @@ typedef struct tl_token_delays {
     tl_token_delay rows[TL_TOKEN_DELAYS];
 } tl_token_delays;
 
-/* Returns how long the address still has to wait, ns; 0: it need not wait. */
+/* Returns how long the address still has to wait, ns; 0: the address need not wait. */
 tl_time tl_token_delays_left(const tl_token_delays *delays, const tl_address *address, tl_time now);
 
 /* Counts a wrong token of the address. */
@@ -52,7 +52,7 @@ void tl_token_delays_add(tl_token_delays *delays, const tl_address *address, tl_
  * File:    one line per token, "NAME ROLE SHA256 TIME"; TIME is that of its creation, UTC (ISO
  *          8601). Lines that begin with "#" are comments. The file is replaced as a whole. Only its
  *          owner and the group of its folder can read it; the server is in this group.
- * Search:  compares all tokens completely, so that the duration reveals nothing about a token.
+ * Search:  compares all tokens completely, so that its duration reveals nothing about a token.
  * Thread:  one.
  */
 
