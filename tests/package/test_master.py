@@ -11,7 +11,7 @@ HOME = scratch()
 README = (SOURCE / "master/README.md").read_text("utf-8")
 HEADER = (SOURCE / "master/plan/plan.h").read_text("utf-8") + (SOURCE / "master/sync/record.h").read_text("utf-8")
 # Members that are no settings.
-OF_RUN = {"budget.started", "budget.context", "budget.repeated", "budget.without_nominal", "budget.executions"}
+OF_RUN = {"budget.started", "budget.context", "budget.unrecorded", "budget.repeated", "budget.without_nominal", "budget.executions"}
 
 
 def run(*command, **options):
