@@ -201,7 +201,7 @@ def check_database(files, told, folder, most_missing):
     check_committed(database, told)
     lost = number(database, "SELECT sum(entries_lost) FROM runs")
     if lost > 0:
-        raise Late(f"{lost} entries came faster than the recorder could write them")
+        raise Late(f"the box was too slow to record {lost} entries")
     missing = told["served"] - number(database, COUNTED, GOOD)
     expect(missing <= most_missing, f"{missing} samples are missing")
     run = number(database, "SELECT min(run) FROM runs WHERE verb = 'run'")
