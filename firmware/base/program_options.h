@@ -23,7 +23,7 @@ enum { TL_OPTIONS_MOST = 80, TL_OPTION_LIST = 8 };
 typedef struct tl_verb_row {
     const char *name;
     const char *usage;       /* for example "CONFIG [options]" */
-    const char *noun;        /* the verb has one argument: "configuration"; NULL: the caller checks the arguments */
+    const char *noun;        /* name of the only argument, for errors ("configuration"); NULL: the caller checks all */
     const char *purpose;     /* for the list of verbs, half a line; NULL: not in the list */
     const char *description; /* one paragraph for the help, wrapped when printed */
     const char *examples;    /* command lines; no newline after the last one */
@@ -40,8 +40,8 @@ typedef struct tl_option {
     const char *needs;    /* name of an option of the same verb that must be given too; NULL: none */
     bool rare;            /* listed below the common options */
     bool alone;           /* at most one of the options with `alone` may be given */
-    bool changes;         /* affects a change that is sent: not allowed together with an option with `only` */
-    bool only;            /* no change is sent: not allowed together with an option with `changes` */
+    bool changes; /* is about a configuration that the verb sends to the run; not allowed with an `only` option */
+    bool only;    /* the verb sends no configuration (--state); not allowed with a `changes` option */
 } tl_option;
 
 typedef struct tl_option_table {

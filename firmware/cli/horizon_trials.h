@@ -7,8 +7,10 @@
  * Order:   T_P = T_D first, then 2, 5, 10, 20, 50 … steps and the configured T_P, ascending. The
  *          trials end if the last one failed, took more than TL_HORIZON_LONGEST, or exceeded the
  *          time budget of a step. They also end if the replayed time is below TL_HORIZON_PARTS
- *          times the next T_P. The chosen T_P is tried again with the other value of "free_twin".
- * Not for: an event horizon, a configuration that adjusts nothing, or a twin without released twins
+ *          times the next T_P. The last trial has the chosen T_P and the opposite of the configured
+ *          `free_twin` (true: u rests at nominal while the free-running twin predicts well).
+ * Not for: an event horizon, or a configuration that adjusts nothing. A trial fails if its twin has
+ *          no released twins, for example because an FMU is rolled back by replay
  *          (tl_released_state).
  * Thread:  one, as for twin_child.h.
  */

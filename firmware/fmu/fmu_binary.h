@@ -1,6 +1,6 @@
 /* Opens the binary of an FMU and the libraries that it needs.
  *
- * Thread:  the thread that calls the FMU.
+ * Thread:  see each section.
  */
 #ifndef TL_FIRMWARE_FMU_FMU_BINARY_H
 #define TL_FIRMWARE_FMU_FMU_BINARY_H

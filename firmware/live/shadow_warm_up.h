@@ -2,9 +2,9 @@
  * Then it follows the live plant.
  *
  * Purpose: before a twin with another configuration is compared with the live twin, it must be in
- *          lock and have learned. The shadow searches with the same budget as a live twin. It
- *          simulates the samples of the last minute and those recorded meanwhile, then the plant's
- *          ticks.
+ *          lock and have learned what a running twin knows: slope of the outputs, noise of the
+ *          measurements. The shadow searches with the budget of a live twin. It simulates the
+ *          samples of the last minute and those recorded meanwhile, then the plant's ticks.
  * Load:    after each part (20 ms of computing) the shadow sleeps as long as it has computed. So it
  *          uses at most half a processor. The live twin has priority.
  * Pace:    the warm-up fails if, after 5 s, it is not at least 1.2 times as fast as the plant,

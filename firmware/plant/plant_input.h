@@ -22,15 +22,15 @@
 #include "master/base/signal.h"
 
 /* How a signal is looked up in a sample of the instant t.
- * next:  matters only if no reading has the stamp t − back. If true, the look-up uses the next
- *        reading after t − back; if that has not come by t, the newest one before. If false, it
- *        uses the newest one before; if there is none, the next one after.
+ * next:  only for TL_BETWEEN_LAST, if no reading has the stamp t − back. If true, the look-up uses
+ *        the next reading after t − back; if that has not come by t, the newest one before. If
+ *        false, it uses the newest one before; if there is none, the next one after.
  * shows: if true, the result is the newest reading of signal `shown`, before conditioning. If
  *        readings were rejected since the last tick, it is the last of these, as TL_OUTLIER. */
 typedef struct tl_plant_lookup {
     tl_time back;       /* ns, ≥ 0: looked up at t − back */
-    bool next;          /* prefers the next reading, as described above */
-    tl_between between; /* value if there is no reading at that instant and the next one has come by t */
+    bool next;          /* with TL_BETWEEN_LAST: prefers the next reading, as described above */
+    tl_between between; /* LINE, MEAN: if the next reading has not come by t, the newest one before is used */
     tl_time span;       /* of a mean: it starts at t − back and lasts this time, ns, > 0 */
     bool shows;         /* uses another signal, as described above */
     size_t shown;       /* index of that signal */
@@ -59,7 +59,7 @@ typedef struct tl_reading_stream tl_reading_stream;
 
 /* Set by tl_live_plant_set_limits(), tl_sample_buffers_open() and tl_plant_input_open(). */
 typedef struct tl_plant_input {
-    size_t count; /* number of signals, further look-ups included */
+    size_t count; /* number of signals, with further look-ups of the same ones (tl_config_use_lookups()) */
     tl_plant_limits limits[TL_MAX_SIGNALS];
     tl_plant_lookup looks[TL_MAX_SIGNALS];
     tl_condition conditions[TL_MAX_SIGNALS];

@@ -25,13 +25,13 @@
 
 #include "master/base/status.h"
 
-/* Which process writes a block. The maker ("we") is the process that called tl_block_make(). A
- * receiver ("they") is a process that called tl_block_take(): the writer of the block passes
- * THEY_WRITE, and each reader WE_WRITE. */
+/* Which process writes a block. The maker ("we") is the process that calls tl_block_make(). A
+ * receiver ("they") is a process that calls tl_block_take(). A receiver that writes passes
+ * THEY_WRITE. A receiver that only reads passes WE_WRITE, also if another receiver writes. */
 typedef enum tl_block_writer {
-    TL_BLOCK_WE_WRITE,   /* the maker, while it has the block open; the receiver reads */
-    TL_BLOCK_THEY_WRITE, /* the receiver; the maker could too, but must not */
-    TL_BLOCK_SPARSE,     /* only for the maker: a receiver writes; each page takes memory at its first access */
+    TL_BLOCK_WE_WRITE,   /* the maker, while it has the block open; all receivers read */
+    TL_BLOCK_THEY_WRITE, /* one receiver; the maker could too, but must not */
+    TL_BLOCK_SPARSE,     /* only for tl_block_make(): as THEY_WRITE, but each page takes memory at its first access */
     TL_BLOCK_IS_WRITTEN  /* no process: the content is final (tl_block_make_of()) */
 } tl_block_writer;
 
@@ -50,11 +50,11 @@ typedef struct tl_block {
 tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
 
 /* For the maker of a block that another process writes: returns a new descriptor for a reader,
- * read-only and close-on-exec. The caller closes the descriptor. The reader maps it by
- * tl_block_take() with TL_BLOCK_WE_WRITE. Returns -1 if descriptors or memory are missing. The file
- * mode of the block becomes read-only. After that a process can reopen the memory for writing only
- * if it has capabilities or may call chmod(). Existing writable descriptors stay writable. Without
- * /proc the result is a plain duplicate, which is writable. */
+ * read-only and close-on-exec. The caller closes the descriptor. The reader passes it to
+ * tl_block_take() with TL_BLOCK_WE_WRITE, which maps it read-only. Returns -1 if descriptors or
+ * memory are missing. The file mode of the block becomes read-only. After that a process can reopen
+ * the memory for writing only if it has capabilities or may call chmod(). Existing writable
+ * descriptors stay writable. Without /proc the result is a plain duplicate, which is writable. */
 int tl_block_reader(const tl_block *block);
 
 /* Makes a block with these bytes, which no process can change. */

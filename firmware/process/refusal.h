@@ -20,8 +20,9 @@
  *          call.
  * Cost:    the calling thread waits until the next poll. Poll often; in each poll, receive every
  *          waiting call and answer it immediately.
- * Memory:  no heap is used after the first received call. Another thread of the monitor may hold
- *          the lock of the heap inside fork(), and may itself wait for an answer.
+ * Memory:  no heap is used after the first received call. fork() in another thread of the monitor
+ *          may hold the lock of the heap while it waits for the confined process. That process
+ *          waits for the answer, so an answer that needs the heap would deadlock.
  * Thread:  any, one at a time.
  */
 

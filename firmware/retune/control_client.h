@@ -38,10 +38,11 @@ tl_status tl_control_client_find(const char *subject, const char *given, char pa
 /* Writes the name of a user of this box, or "user UID"; for `who` of a request. */
 void tl_control_client_name(uid_t user, char who[TL_CONTROL_NAME]);
 
-/* Sends a request, as tl_control_ask() does, and prints all replies. A TL_CONTROL_CONFIGURATION is
- * not accepted. If TL_OK is returned, *result is the result of the request. Errors: TL_PLANT_DOWN
- * if no run answers, or if the connection was closed early; TL_TRY_AGAIN if no reply came in time
- * (200 s, more with a shadow or a probation); TL_BAD_DATA for an invalid reply. */
+/* Sends a request, as tl_control_ask() does, and prints all replies. `request` must not be a
+ * TL_CONTROL_READ, because the client cannot print its reply. If TL_OK is returned, *result is the
+ * result of the request. Errors: TL_PLANT_DOWN if no run answers, or if the connection was closed
+ * early; TL_TRY_AGAIN if no reply came in time (200 s, more with a shadow or a probation);
+ * TL_BAD_DATA for an invalid reply. */
 tl_status tl_control_client_run(const tl_control_client_settings *settings, const tl_control_request *request,
                                 const char *text, size_t size, tl_control_result *result, tl_error *error);
 

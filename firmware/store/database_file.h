@@ -1,7 +1,7 @@
 /* Database file of the recorder: locks, opens, checks, replaces and closes it.
  *
  * Terms:   FILE is the path of the database. The log is SQLite's write-ahead log, FILE-wal.
- * Errors:  as in database.h; each failure also sets the fault.
+ * Errors:  as in database.h; tl_database_get_fault() then returns the kind of the failure.
  * Thread:  one for each database.
  */
 #ifndef TL_FIRMWARE_STORE_DATABASE_FILE_H
@@ -72,10 +72,10 @@ typedef enum tl_database_file_state {
     TL_DATABASE_WITHOUT_LOG  /* FILE-wal was removed or replaced: recent commits are only in the removed log */
 } tl_database_file_state;
 
-/* Callbacks of the connection's user. If `begin` fails, opening the file fails. */
+/* Callbacks of the connection's user. If `begin` fails, the opening calls `end` and fails. */
 typedef struct tl_database_user {
     int (*begin)(void *context, sqlite3 *connection); /* returns SQLite's result code */
-    void (*end)(void *context);                       /* called also after a failed `begin` */
+    void (*end)(void *context); /* the caller calls it before it renews, closes or abandons the file */
     void *context;
 } tl_database_user;
 
@@ -100,17 +100,17 @@ void tl_database_file_note(tl_database_file *file);
 bool tl_database_file_write_back(tl_database_file *file);
 
 /* Renames a file that the caller has found damaged, and creates a new one. `why`: the damage, for
- * *renamed. After a failure the file is closed. The caller must call end() of the user before. */
+ * *renamed. Call the user's end() before. After a failure the file is closed. */
 tl_status tl_database_file_renew(tl_database_file *file, const char *why, const tl_database_user *user,
                                  tl_database_renamed *renamed, tl_error *error);
 
 /* Writes the log back if possible, also if the file was renamed, closes the file and releases its
- * lock. The caller must call end() of the user before. A closed file is allowed. */
+ * lock. Call the user's end() before. A closed file is allowed. */
 void tl_database_file_close(tl_database_file *file);
 
 /* Closes a file that was removed or overwritten. Another file may now have the old name: nothing is
  * written into it. The log of the old file is removed, because SQLite would apply it to the new
- * file. The caller must call end() of the user before. */
+ * file. Call the user's end() before. */
 void tl_database_file_abandon(tl_database_file *file);
 
 /* Initial value: a closed file. */

@@ -55,8 +55,8 @@ void tl_recorder_event_fill(tl_recorder_event_entry *entry, int64_t tick, tl_sev
  *          entry and all later ones. The successor can also read taken entries: they stay in the
  *          ring until new entries need their bytes. The ring has room for 30 s of new entries, and
  *          for those since the older checkpoint; at most 16 MiB.
- * New:     zeroed memory may replace a record queue of which the reader has taken all entries.
- *          Positions and numbers continue, because the reader's progress never decreases.
+ * New:     zeroed memory may replace a record queue of which the reader has taken all entries. The
+ *          producer then continues the positions and numbers of the reader's progress.
  * Ticks:   a sample waits for its step. The producer publishes it with the step, or with the next
  *          other entry. If the producer dies within a tick, the reader gets nothing of that tick,
  *          unless it knows that there is no successor. A successor that continues with that tick
@@ -214,7 +214,7 @@ bool tl_record_queue_saved_entry(const tl_record_queue *queue, uint64_t *positio
 
 enum { TL_RECORD_QUEUE_LINE = 64, TL_RECORD_QUEUE_CHECKPOINTS = 2 };
 
-/* Event n lies in slot n % TL_RECORDER_EVENTS. Before, `state` is that of an earlier event. */
+/* Event n lies in slot n % TL_RECORDER_EVENTS. Until it is put, `state` is of an earlier event. */
 typedef struct tl_record_queue_slot {
     uint64_t state __attribute__((aligned(8))); /* 2 n + 2: event n is complete; 2 n + 3: left incomplete */
     tl_recorder_event_entry entry;
@@ -265,7 +265,7 @@ uint64_t tl_record_queue_digest(uint64_t number, const tl_record_queue_mark *mar
 /* ---- Record queue, reader's side. The producer may be hostile.
  *
  * Purpose: returns copies of the entries, each validated: kinds, sizes, positions, enumerations,
- *          texts, digests. Numbers are not validated. Control characters of texts become '?'.
+ *          texts, digests. Other numbers may have any value. Control characters become '?'.
  * Damage:  a queue has two parts, the ring and the events. At the first invalid value the reader
  *          stops reading that part; `fault` describes the value. A newly opened reader can continue
  *          if a successor of the producer has repaired the part, or if it skips the damaged bytes.
@@ -305,9 +305,9 @@ uint64_t tl_record_queue_reader_end(tl_record_queue_reader *reader, uint64_t tak
 bool tl_record_queue_reader_entry(tl_record_queue_reader *reader, uint64_t *position, uint64_t end,
                                   tl_recorder_entry *entry);
 
-/* For a newly opened reader: returns the position at which to continue. If an entry before the end
- * is invalid, this is the end, where a live producer continues, and the reader must be opened
- * again. Otherwise it is `taken`, also if the end itself is invalid. */
+/* For a newly opened reader: returns the position at which to continue. If all entries are valid,
+ * or the end itself is invalid, this is `taken`. If an entry is invalid, this is the end, because a
+ * live producer continues there. Then the reader must be opened again. */
 uint64_t tl_record_queue_reader_skip(tl_record_queue_reader *reader, uint64_t taken);
 
 /* Reads event `number`, counted from 0. Returns false if it is not there yet, or if it is invalid.
@@ -317,8 +317,8 @@ bool tl_record_queue_reader_event(tl_record_queue_reader *reader, uint64_t numbe
 
 /* Copies a valid checkpoint to `bytes` (settings.checkpoint_bytes long), and sets its size, tick
  * and number. Its number must be above `taken`, and all entries before it, including its run's
- * beginning, must end at or before `position`. If both qualify, the older one is copied, because a
- * run may begin with it. Returns false if there is none now; `bytes` is then undefined. */
+ * beginning, must end at or before `position`. If both qualify, copies the older one (a run may
+ * begin with it): repeat the call. Returns false if there is none now; `bytes` is undefined. */
 bool tl_record_queue_reader_checkpoint(tl_record_queue_reader *reader, uint64_t taken, uint64_t position,
                                        unsigned char *bytes, size_t *size, int64_t *tick, uint64_t *number);
 

@@ -22,7 +22,7 @@ typedef struct tl_assembly_file {
     bool is_there;                  /* the FMU was found */
     const char *path;               /* of the FMU; if it was not found: where it was searched first */
     int descriptor;                 /* of the FMU; -1: not open */
-    char other[TL_OTHER_CASE_TEXT]; /* if not found: end of the message, with what was found instead; "": nothing */
+    char other[TL_OTHER_CASE_TEXT]; /* if not found: text that the error appends, on what exists instead; "": nothing */
     char **libraries;               /* absolute paths, or names for the loader; NULL elements: the path is too long */
 } tl_assembly_file;
 

@@ -12,8 +12,8 @@
  *          block at the start of a tick, and publishes in its status block what it has done
  *          (tl_live_twin_status.handed_over). No process sends a message or waits.
  * Tick:    the handover tick is far enough ahead that both twins see it in time, and that the
- *          shadow finds a tick with time to save itself: its run begins with that checkpoint. A
- *          twin that sees a handover after its tick does its part at its next tick, and records a
+ *          shadow finds a tick with time to save a checkpoint, with which its run begins. A twin
+ *          that sees a handover after its tick does its part at its next tick, and records a
  *          warning.
  * Death:   the supervisor completes a handover when the live twin has done its part or is dead. If
  *          the shadow is dead by then, it is started again as the live twin.

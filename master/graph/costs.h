@@ -1,14 +1,15 @@
 /* Cost of executions, measured with as few clock readings as possible.
  *
  * Purpose: a search with a deadline must know the cost of an execution. But for a small FMU, a
- *          clock reading takes longer than a step. So the clock is read at most once per macro
- *          step. The time between two readings is a lap. A lap's duration is shared among the
+ *          clock reading takes longer than a macro step. So it is normally read only once per
+ *          macro step. The time between two readings is a lap. A lap's duration is shared among the
  *          components executed in it, in proportion to their expected costs. If all components
  *          execute in one call, only the duration of the call is learned.
- * Closely: to correct the proportions, some macro steps are measured component by component: the
- *          first one of every sixteenth step, and the one after a lap that took more than 1.5 times
+ * Closely: to correct the proportions, the clock is read after each component in some macro steps:
+ *          in the first one of every sixteenth step, and after a lap that took more than 1.5 times
  *          as long as expected.
- * Step:    here a step of the twin: all its candidates and its committed macro step.
+ * Terms:   a macro step executes each component once, over T_S. A step contains the macro steps of
+ *          all its candidates, and the committed one.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_GRAPH_COSTS_H
@@ -30,8 +31,8 @@ typedef struct tl_cost {
 enum { TL_COST_FEW = 16 };
 
 /* Expected cost of `times` executions in a row, ns. TL_COST_FEW of them count with the longest
- * recent duration, all others with the mean. That is enough, because the caller compares with the
- * clock after each macro step. */
+ * recent duration, all others with the mean. The sum may be too small: the caller reads the clock
+ * after each macro step, and can abort a candidate. */
 tl_time tl_cost_of(const tl_cost *cost, tl_time times);
 
 typedef struct tl_costs {
@@ -44,11 +45,11 @@ typedef struct tl_costs {
     size_t *ran; /* components that were executed in this lap */
     size_t ran_count;
     bool ran_all;               /* all were executed in one call in this lap */
-    bool is_close;              /* the current macro step is measured component by component */
+    bool is_close;              /* the current macro step is measured component by component (see Closely) */
     size_t measured_components; /* components measured one by one in the current macro step */
     tl_time measured_time;      /* sum of their durations, ns */
     bool is_committed_step;     /* the committed step is being executed */
-    bool walked;                /* a candidate was executed in this step */
+    bool walked;                /* an execution of a candidate was measured in this step */
     uint32_t steps;             /* number of steps that were started with a clock */
 } tl_costs;
 
@@ -69,8 +70,9 @@ void tl_costs_commit(tl_costs *costs);
 void tl_costs_ran(tl_costs *costs, size_t component);
 void tl_costs_ran_all(tl_costs *costs);
 
-/* Ends a lap and reads the clock, which must not be NULL. If components were executed, adds the
- * duration to their costs and returns 0. Else returns the duration, ns. */
+/* Ends a lap and reads the clock, which must not be NULL. If the lap has executions that were not
+ * measured one by one, adds its duration to their costs and returns 0. Else returns the time since
+ * the last clock reading, ns: the caller counts it as overhead. */
 tl_time tl_costs_lap(tl_costs *costs);
 
 #endif

@@ -20,22 +20,23 @@
 /* If J is below this, the outputs count as within tolerance. */
 #define TL_OBJECTIVE_TOLERANCE 1.0
 
-/* Unknowns of a search: one per adjusted variable (static horizon), or several in order of time
- * (dynamic). `step`, `lower`, `upper` and `dwell` have `count` entries. Only bounds and
- * residual_count may change between searches (see `retune`). */
+/* Unknowns of a search. Static horizon: one per adjusted variable, constant over the horizon.
+ * Dynamic: several per variable, ordered by variable, then by time (horizon.h). `step`, `lower`,
+ * `upper` and `dwell` have `count` entries, `damped` has damping_count. Only bounds, residual_count
+ * and the content of `damped` may change between searches (see `retune`). */
 typedef struct tl_optimiser_space {
     size_t count;
     const double *step;    /* first step, > 0; 1 for a Boolean */
     const double *lower;   /* −infinity: none; 0 for a Boolean */
     const double *upper;   /* +infinity: none; 1 for a Boolean */
     const uint32_t *dwell; /* Boolean: macro steps for which a changed value stays, from the change on; else 0 */
-    size_t residual_count; /* residuals of a search: of samples, damping and penalties, in this order */
+    size_t residual_count; /* residuals of a search: of samples, damping and penalties, in this order (objective.h) */
     size_t residual_most;  /* largest possible residual_count */
     size_t sample_count;   /* residuals of samples */
-    size_t damping_count;  /* residuals of damping */
+    size_t damping_count;  /* residuals of damping: one per unknown, or 0 */
     const bool
         *damped; /* for each damping residual: true if it is part of J in this search; it is computed in any case */
-    bool held;   /* static horizon over several samples: if u stays, later steps reuse results */
+    bool held;   /* u is constant over several samples: if a step keeps it, later steps reuse cached results */
 } tl_optimiser_space;
 
 /* One search. */
@@ -57,9 +58,9 @@ typedef struct tl_search {
 typedef struct tl_forecast {
     const double *u;         /* the unknowns as they continue from the step before; within the bounds */
     const double *residuals; /* residuals that are expected at u */
-    const double *noise;     /* mean part of the measurement noise in the square of each residual */
-    const bool *free;        /* unknowns that a guess may change; others stay, to reuse their executions */
-    const double *nominal;   /* target if nothing needs a correction; may be outside the bounds */
+    const double *noise;     /* mean square that the measurement noise alone gives each residual */
+    const bool *free; /* of each unknown: a guess may change it; others keep `u`, so that cached results are reused */
+    const double *nominal; /* target if nothing needs a correction; may be outside the bounds */
 } tl_forecast;
 
 typedef enum tl_search_end {
@@ -87,8 +88,9 @@ typedef struct tl_optimiser_class {
     /* True if the solver has no data for a guess yet. Then it may search once although all outputs
      * are within tolerance. NULL: the solver never guesses. */
     bool (*is_new)(const tl_optimiser *optimiser);
-    /* The slope of the residuals per step of each unknown, [residual · count + unknown]; NULL if a
-     * column is not known. NULL: the solver stores no slope. */
+    /* Returns the slope: change of each residual if an unknown moves by its `step`, at [residual ·
+     * count + unknown]. Returns NULL if it is not known for all unknowns. NULL: the solver stores
+     * no slope. */
     const double *(*slope)(const tl_optimiser *optimiser);
     /* Sets unknowns within their dwell time to their committed values. NULL: there is no dwell
      * time. */

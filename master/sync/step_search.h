@@ -23,24 +23,24 @@ typedef struct tl_step_search {
     const tl_budget *budget;
     uint32_t limit;       /* largest number of evaluations */
     uint32_t evaluations; /* done so far */
-    bool dirty;           /* values and states are not those of t_i */
+    bool dirty;           /* values and states are not those of the committed instant t_i, i = `step` */
     tl_status back;       /* result of the rollback to t_i */
-    bool walked;          /* a candidate was simulated: the time after it is spent in the solver */
+    bool walked;          /* with a clock: an evaluation has ended; the time until the next one is the solver's */
     bool closing;         /* the current candidate is the last one: reserve no time for the solver */
     bool guessed;         /* the solver was asked for a guess */
     tl_time reserved;     /* predicted cost of executions after the current candidate, ns; see predict_costs() */
     bool late;            /* a candidate was aborted because time ran out */
     bool nominal_follows; /* nominal is evaluated after the current candidate: time is reserved for it */
     tl_stop stop;
-    uint32_t flags;        /* tl_flag */
-    uint32_t held;         /* bit v: variable v is not identifiable */
-    uint32_t moved_output; /* bit v: variable v has moved an output */
-    bool has_finite;       /* J of some candidate was finite */
-    tl_record_refused refused;
-    uint32_t idle;      /* candidates since J was last reduced by at least 1 % */
-    bool stagnated;     /* no progress for too long: the solver is stopped */
-    bool acquaints;     /* the solver may search within tolerance, until it has data for a guess */
-    double start_value; /* J at the start of the search */
+    uint32_t flags;            /* tl_flag */
+    uint32_t held;             /* bit v: variable v is not identifiable, and stays at nominal */
+    uint32_t moved_output;     /* bit v: variable v has moved an output */
+    bool has_finite;           /* J of some candidate was finite */
+    tl_record_refused refused; /* candidates that could not be evaluated (record.h) */
+    uint32_t idle;             /* candidates since J was last reduced by at least 1 % */
+    bool stagnated;            /* no progress for too long: the solver is stopped */
+    bool acquaints;            /* the search continues within tolerance until the solver has data for a guess */
+    double start_value;        /* J at the start of the search */
     double best_value;
     double nominal_value;          /* NaN: not evaluated */
     double nominal[TL_MAX_ADJUST]; /* û */
@@ -48,8 +48,8 @@ typedef struct tl_step_search {
     tl_error *error;
 } tl_step_search;
 
-/* Starts the search at the committed instant t_step and reads û. `budget` and `error` must stay
- * valid until the search ends. `budget` NULL: a step without evaluations. */
+/* Starts the search at the committed instant t_i, i = `step`, and reads û. `budget` and `error`
+ * must stay valid until the search ends. `budget` NULL: a step without evaluations. */
 void tl_step_search_begin(tl_step_search *search, tl_synchroniser *synchroniser, int64_t step, const tl_budget *budget,
                           tl_error *error);
 

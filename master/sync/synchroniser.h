@@ -31,7 +31,7 @@
  * copied. All other parts must outlive the synchroniser. */
 typedef struct tl_synchroniser_settings {
     tl_exchange *exchange; /* initialised; tl_exchange_place_adjusted() was called for each adjusted variable */
-    tl_track *track;       /* NULL if nothing is adjusted */
+    tl_track *track;       /* simulates candidates (track.h); NULL if nothing is adjusted */
     tl_horizon horizon;
     const tl_objective_term *terms; /* plan->match_count */
     tl_adjusted adjusted[TL_MAX_ADJUST];
@@ -53,8 +53,9 @@ tl_status tl_synchroniser_step(tl_synchroniser *synchroniser, int64_t step, cons
                                tl_error *error);
 
 /* Mode ahead: step i − 1 ended before the sample of t_i existed, and used an older one. This call
- * gives the sample of t_i to the FMU inputs before step i. tl_synchroniser_step(), _catch_up() and
- * _follow() do this themselves. */
+ * sets the FMU inputs to the sample of t_i. Call it if other code uses the inputs between the two
+ * steps; tl_synchroniser_step(), _catch_up() and _follow() call it first. Other modes: no effect.
+ */
 void tl_synchroniser_refresh(tl_synchroniser *synchroniser, int64_t step);
 
 /* Call when the record of a step is complete, only with a clock. Returns the duration of the step,
@@ -73,10 +74,10 @@ tl_status tl_synchroniser_follow(tl_synchroniser *synchroniser, int64_t step, co
 void tl_synchroniser_reset(tl_synchroniser *synchroniser);
 
 /* Call if the FMUs got another state at the committed instant: drops the extrapolation of the
- * outputs, and resets the ledger. */
+ * outputs, and resets the execution ledger (ledger.h). */
 void tl_synchroniser_forget_course(tl_synchroniser *synchroniser);
 
-/* Between steps: drops all that tl_synchroniser_archive() does not keep, except durations. */
+/* Between steps: keeps only durations and the data that tl_synchroniser_archive() saves. */
 void tl_synchroniser_forget(tl_synchroniser *synchroniser);
 
 /* Applies a tuning from the next step on. The tuning must have passed tl_tuning_check() and

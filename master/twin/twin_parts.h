@@ -1,6 +1,7 @@
 /* Private data of a twin.
  *
- * Purpose: shared by the .c files of a twin: ticks, build, checkpoint, read-back, timing, account.
+ * Purpose: shared by the .c files of a twin: ticks, build, checkpoint, test of saved states
+ *          (twin_read_back.h), timing, re-runs, counts (account.h).
  * Owner:   the twin; everything is freed by tl_twin_destroy().
  */
 #ifndef TL_MASTER_TWIN_TWIN_PARTS_H
@@ -38,20 +39,20 @@ struct tl_twin {
     tl_metrics due[TL_MAX_MATCH];            /* the part of `readings` that is not in a record yet */
     tl_reading_meter *readers[TL_MAX_MATCH]; /* NULL: y is not Real, event horizon, or no readings */
     size_t reading_signals[TL_MAX_MATCH];    /* index of the plant signal with these readings */
-    tl_time look_back;                       /* ns: as in tl_delay_lookup, of matched signals */
-    tl_pairing measurements;
-    tl_plan_measure measure;
-    tl_delay_meter *meters[TL_MAX_MATCH]; /* NULL: the output delay Δo is not measured */
-    tl_time offsets[TL_MAX_MATCH];        /* ns: measured delay minus delay in use, at the first measurement */
+    tl_time look_back;                       /* ns: age of matched values in a sample (tl_delay_lookup) */
+    tl_pairing measurements;                 /* samples that a step is compared with: lag, hold or ahead */
+    tl_plan_measure measure;                 /* how Δo is measured */
+    tl_delay_meter *meters[TL_MAX_MATCH];    /* NULL: the output delay Δo is not measured */
+    tl_time offsets[TL_MAX_MATCH];           /* ns: measured delay minus delay in use, at the first measurement */
     bool has_offset[TL_MAX_MATCH];
-    uint32_t measured_age; /* release_age of the last y that `meters` got; 0: not of a released twin, or none yet */
+    uint32_t measured_age; /* release_age of the last y that `meters` got; 0: no y of a released twin */
     tl_twin_delay delay;
     tl_time step;             /* T_S, ns */
     tl_experiment experiment; /* in use */
-    uint32_t lead;            /* step i is computed at tick i + lead */
-    uint32_t age;             /* largest age of a sample that a look-up uses, ticks */
-    int64_t first;            /* first step: the FMUs are initialised at its instant */
-    int64_t begin;            /* tick at which they are initialised */
+    uint32_t lead;            /* ticks from the start of a step to its computation: step i at tick i + lead */
+    uint32_t age;             /* ticks: values for t_j are looked up in samples of tick j − age and later */
+    int64_t first;            /* number of the first step: the FMUs' time begins at its instant */
+    int64_t begin;            /* tick of the initialisation: its sample has the inputs of step `first`; −1: loaded */
     uint64_t state_bytes;     /* bound for saved states, bytes; 0: no bound */
     size_t (*heap)(void);     /* bytes allocated in this process */
     tl_time (*now)(void *clock);
@@ -66,12 +67,12 @@ struct tl_twin {
     tl_verifier verifier;
     tl_free_twin free_twin;
     tl_released_twin released_twin;
-    tl_snapshot mark;        /* twin_rerun.h; without components unless plan->may_rerun */
+    tl_snapshot mark;        /* state for re-runs (tl_twin_mark()); without components unless plan->may_rerun */
     int64_t mark_step;       /* first step after `mark` */
     bool is_marked;          /* `mark` is valid */
     tl_twin_finding finding; /* the newest finding; component NULL: none */
-    uint32_t marks;          /* flags for the next step's record */
-    uint32_t lasting;        /* flags for all later records */
+    uint32_t marks;          /* tl_flag bits for the next record only; unrelated to `mark` */
+    uint32_t lasting;        /* tl_flag bits for all later records */
     tl_status ended;         /* not TL_OK: a step has failed, and no further step is allowed */
     bool has_pending;        /* mode ahead: `pending` is a computed step without its measurement */
     tl_record pending;
@@ -84,13 +85,14 @@ tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error);
 
 /* Defined in twin_timing.c. After the rollback proof and before tl_exchange_start(): replaces
  * TL_KEEP_AUTO of each component by TL_KEEP_STATES or TL_KEEP_NONE. If all components have
- * TL_KEEP_NONE, drops the caches, and the ledger predicts only by structure. Repeats the first
- * step at most 16 times, for at most 5 ms for each component. Keeps states without a clock, with
- * rollback by replay, or if a component can hold only one state. Errors: TL_FMU_FAILED or
- * TL_FMU_FATAL if a component cannot be restored. */
+ * TL_KEEP_NONE, drops the caches; then the execution ledger (ledger.h) no longer compares
+ * candidates. To measure a component, repeats the first step at most 16 times within 5 ms. Chooses
+ * TL_KEEP_STATES without a measurement in three cases: there is no clock; the component is rolled
+ * back by replay; some component can hold only one state. Errors: TL_FMU_FAILED or TL_FMU_FATAL if
+ * a component cannot be restored. */
 tl_status tl_twin_choose_keep(tl_twin *twin, tl_error *error);
 
-/* Defined in twin_rerun.c: frees a component's state at the mark, which is not valid any more. */
+/* Defined in twin_rerun.c: frees a component's state at the mark and makes the mark invalid. */
 void tl_twin_end_mark(tl_twin *twin, size_t component);
 
 /* True if some instance of this component's FMU has returned fmi2Fatal. By FMI, no instance of this
