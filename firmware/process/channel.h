@@ -128,7 +128,7 @@ typedef struct tl_channel {
     uint32_t taken;        /* number of messages that this side has received so far */
     uint32_t other_taken;  /* number that the other side has received, as read last */
     uint32_t other_pushed; /* number that the other side has sent, as read last */
-    uint32_t woken;        /* number of the other side's sleep that this side ended last */
+    uint32_t woken;        /* sleep counter of the other side when this side last woke it */
     tl_protocol_phases phases;
     uint32_t nudges; /* number of nudges, by any thread */
     uint32_t heeded; /* number of nudges that were handled */

@@ -5,8 +5,8 @@
  *          and does not join threads that an FMU has started.
  * Scripts: interpreters are an exception (tl_process_run_exit_handlers()). Their exit handlers run,
  *          because these write what scripts have printed. If a handler crashes, or if all take
- *          longer than TL_PROCESS_END_S, the process exits with the planned exit code. exit(): if
- *          an FMU calls exit(), the process exits with 70, and the log names the FMU and the
+ *          longer than TL_PROCESS_END_S, the process exits with the planned exit code.
+ * exit():  if an FMU calls exit(), the process exits with 70, and the log names the FMU and the
  *          function that called it. Exception: see tl_process_complete(). A call of _exit() cannot
  *          be detected from inside the process.
  * Thread:  tl_process_begin() and tl_process_end() from the main thread; all others from any.

@@ -57,7 +57,7 @@ typedef enum tl_version_result {
     TL_VERSION_RESULTS
 } tl_version_result;
 
-/* Names: "candidate", "active", "probation", "kept", "returned", "refused". */
+/* Names: "candidate", "active", "probation", "kept", "returned" (ROLLED_BACK), "refused". */
 extern const char *const tl_version_results[TL_VERSION_RESULTS];
 
 typedef struct tl_version {

@@ -1,9 +1,9 @@
 /* Explanation: finds the most likely cause of a change that was detected in a recorded run.
  *
  * Purpose: repeats the run up to a *mark* before the change, and collects the measurements from
- *          there on. Then it runs the twin again from the mark, without corrections: for each
- *          candidate with small changes from the onset on. The score test (monitor/score_test.h)
- *          compares these runs with the measurements.
+ *          there on. Then it runs the twin again from the mark, without corrections, for each
+ *          candidate (here a possible cause), with small changes from the onset on. The score test
+ *          (monitor/score_test.h) compares these runs with the measurements.
  * Window:  R is the duration of a release (`release_s`), longer than the plant's reaction. The mark
  *          is 5 R before the earliest possible onset, or at the start of a shorter record. In the
  *          first R (at most a third of these steps) errors of the state fade; the others show the
@@ -70,7 +70,7 @@ typedef enum tl_explained_change {
     TL_EXPLAINED_CHANGES
 } tl_explained_change;
 
-/* A candidate. Steps of `test` count from the mark. */
+/* A candidate: a possible cause. Steps of `test` count from the mark. */
 typedef struct tl_explained {
     char name[TL_ACCOUNT_TEXT]; /* "component.variable" or "plant.signal" */
     char unit[TL_ACCOUNT_TEXT]; /* "": none */

@@ -93,7 +93,7 @@ tl_status tl_cached_component_stand(tl_cached_component *cached, int64_t step, t
 /* Between steps: saves the FMU's state at the root to a handle of the caller; the FMU stays where
  *                it is. *taken is false if the root has no saved state and the FMU is not there
  *                (TL_KEEP_OUTPUTS), or if the FMU has failed. `full_copy`: a second handle of the
- *                caller, for the FMU's present state. */
+ *                caller; if the FMU is not at the root, it saves the present state meanwhile. */
 tl_status tl_cached_component_copy_root(tl_cached_component *cached, fmi2FMUstate *state, fmi2FMUstate *full_copy,
                                         bool *taken, tl_error *error);
 

@@ -41,7 +41,7 @@ size_t tl_event_plan_window(const tl_plan *plan);
  *          committed meanwhile are not changed.
  * Phases:  waiting for the start; in the stroke; waiting for the end of the window (lag only);
  *          searching; continuing the best candidate.
- * Hold:    in this mode the search starts before the window is complete, and uses the newest sample
+ * Hold:    in mode hold the search starts before the window is complete, and uses the newest sample
  *          in place of later ones. If the plant's signal returns within the window, the stroke is
  *          searched again at the end of the window.
  * Time:    a search may take many cycles. In each cycle the live step comes first; then candidates
@@ -51,7 +51,7 @@ size_t tl_event_plan_window(const tl_plan *plan);
  *          better than nominal.
  * First:   the u in use is the first candidate. The live twin has already simulated it, except for
  *          the part of the window that is still in the future.
- * Doubt:   a stroke is not searched if it exceeds the configured limit, or if one of its edges
+ * Skipped: a stroke is not searched if it exceeds the configured limit, or if one of its edges
  *          falls into a gap of the measurements.
  * Limits:  one Real variable without a connection; modes lag and hold; a Boolean output matches the
  *          end signal.

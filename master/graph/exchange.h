@@ -33,7 +33,7 @@ typedef struct tl_real_copy {
     fmi2Real *to;
     const fmi2Real *from;
     tl_conversion conversion;
-    fmi2Real *adjusted; /* the input that a cut connection drives only during initialisation; else NULL */
+    fmi2Real *adjusted; /* the input that a cut connection (graph.h) sets only during initialisation; else NULL */
 } tl_real_copy;
 
 typedef struct tl_integer_copy {
@@ -191,14 +191,14 @@ double tl_exchange_convert(const tl_real_copy *copy);
  * fail. */
 tl_status tl_exchange_rewind(tl_exchange *exchange, tl_error *error);
 
-/* Executes a candidate's macro step, from t_step to t_(step+1). `depth`: number of steps since the
- * committed instant. If it fails, `exchange->failed` is the component's index. Then call
+/* Executes a candidate's macro step i = `step`, from t_i to t_(i+1). `depth`: number of steps since
+ * the committed instant. If it fails, `exchange->failed` is the component's index. Then call
  * tl_exchange_rewind(), unless the error was fatal. */
 tl_status tl_exchange_try(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error);
 
-/* Executes the committed macro step of all components. States from before t_step cannot be restored
- * afterwards. After a failure, tl_exchange_rewind() can roll back if tl_exchange_begin() was called
- * or if executions are saved. */
+/* Executes the committed macro step i = `step` of all components. States from before t_i cannot be
+ * restored afterwards. After a failure, tl_exchange_rewind() can roll back if tl_exchange_begin()
+ * was called or if executions are saved. */
 tl_status tl_exchange_commit(tl_exchange *exchange, int64_t step, tl_error *error);
 
 /* Call before macro step `step`: returns the first component that cannot be rolled back at this

@@ -1,7 +1,7 @@
 /* The plant as a component: outputs only, from samples.
  *
  * Purpose: keeps the newest samples by tick and delivers them step by step, as the thesis's CSV FMU
- *          does (section 5.4.2). The plant counts as a component in K, and its steps as executions.
+ *          does (section 5.4.2). The plant is one of the K components; its steps are executions.
  * Bad:     a value whose quality is not good is replaced by the last good value of the signal, or
  *          by `initial` before the first good one. The quality is kept. A value that is not finite,
  *          or too large for an integer signal, is also bad.
@@ -84,10 +84,10 @@ void tl_plant_deliver(tl_plant *plant, int64_t tick);
 /* Delivers these values, one per signal, all of them good. */
 void tl_plant_deliver_values(const tl_plant *plant, const double *values);
 
-/* Macro step `step` and later ones are not known any more. */
+/* Marks macro step `step` and later ones as not known (see Saving). */
 void tl_plant_forget(tl_plant *plant, int64_t step);
 
-/* Executes macro step `step`: delivers the sample for its end, t_(step+1). Counts as an execution
+/* Executes macro step i = `step`: delivers the sample for its end, t_(i+1). Counts as an execution
  * if the step was not known. `step`: the step to be committed next, or one of the T_P − 1 after
  * it. */
 void tl_plant_step(tl_plant *plant, int64_t step);

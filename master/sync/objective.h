@@ -65,8 +65,8 @@ typedef struct tl_objective {
     const tl_objective_term *terms;
     size_t term_count;
     tl_objective_penalty penalties[TL_MAX_ADJUST];
-    bool penalised;
-    size_t matched;                     /* terms with a weight */
+    bool penalised;                     /* a penalty is above 0: J has residuals of penalties */
+    size_t matched;                     /* number of terms with a weight above 0 */
     tl_objective_target *targets;       /* [(depth − T_D)·matched + …] */
     tl_noise_estimate *noise_estimates; /* of the matched ŷ, in y's unit */
     size_t damping_count;               /* number of damping residuals: one per unknown of a dynamic horizon, or 0 */

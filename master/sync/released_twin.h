@@ -12,9 +12,9 @@
  * Lag:     in mode lag the released state depends on measurements up to T_P steps after it.
  * Failure: if an FMU of a released twin fails, this released twin is missing until its next
  *          release. Only fmi2Fatal ends the twin.
- * Not:     the free-running twin of free_twin.h. The free-running twin stays uncorrected as long as
- *          it predicts well, and decides whether u rests. A released twin affects the twin only by
- *          a measured delay (tl_plan_measure).
+ * Other:   the free-running twin of free_twin.h stays uncorrected as long as it predicts well, and
+ *          decides whether u rests. A released twin affects the twin only by a measured delay
+ *          (tl_plan_measure).
  * Source:  not the dissertation.
  * Thread:  the twin's. Memory: the arena, at start-up; states: fmi/component.h.
  */

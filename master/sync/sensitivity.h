@@ -53,7 +53,8 @@ void tl_sensitivity_probe(tl_sensitivity *sensitivity, int64_t i, const double *
  * unseen if its effect is below `floor`, in tolerances. */
 void tl_sensitivity_test(tl_sensitivity *sensitivity, int64_t i, const double *slope, double floor);
 
-/* Bits of the variables to which no output reacts. */
+/* Bits of the variables to which no output reacts. (An unseen unknown of objective.h is another
+ * case.) */
 uint32_t tl_sensitivity_unseen(const tl_sensitivity *sensitivity);
 
 /* Bits of the variables of one group with parallel effects; 0: none. *since: step of the first test

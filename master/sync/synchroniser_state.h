@@ -28,7 +28,7 @@ typedef struct tl_synchroniser_times {
     tl_estimate within;     /* an evaluation, without its executions */
     tl_estimate thinking;   /* the solver and the rollback, from an evaluation to the start of the next one */
     tl_estimate committing; /* from the last evaluation to the end of the step, without executions */
-    tl_time beside;         /* ns: duration of the current part so far */
+    tl_time beside;         /* ns: duration of the current part so far, without executions */
     bool refused;           /* there was no time for a part of this step */
 } tl_synchroniser_times;
 
