@@ -3,7 +3,7 @@
  * Purpose: only this module decides whether a file is a twinlock database, and protects against
  *          untrusted content.
  * Trust:   a database file is untrusted; every connection is restricted before its first SQL.
- * Errors:  TL_BAD_DATA, TL_TRY_AGAIN, TL_BAD_USAGE; each failure also sets the fault.
+ * Errors:  TL_BAD_DATA, TL_TRY_AGAIN, TL_BAD_USAGE; each failure also sets the fault (see below).
  * Thread:  one at a time for each database.
  */
 #ifndef TL_FIRMWARE_STORE_DATABASE_H
@@ -65,7 +65,7 @@ tl_status tl_database_prepare(sqlite3 *database, const char *sql, sqlite3_stmt *
  * that of the system. `code`: the result of the call. */
 void tl_database_text(sqlite3 *database, int code, char *text, size_t size);
 
-/* Reports that text as an error with the file's path; sets the fault and returns the status. */
+/* Reports the text of tl_database_text() with the file's path; sets the fault, returns a status. */
 tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error);
 
 /* Reports wrong content in intact pages, so another program wrote it. Returns TL_BAD_DATA with the

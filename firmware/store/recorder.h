@@ -73,9 +73,9 @@ uint32_t tl_recorder_last_finding(const tl_recorder *recorder);
 void tl_recorder_put_changes(tl_recorder *recorder, const tl_run_changes *changes);
 
 /* Writes the remaining entries, ends the run with `reason` ("end of recording", "SIGTERM", …) and
- * closes. If entries remain after settings.patience, counts the remaining entries as lost
- * and fails with TL_TRY_AGAIN; the next recorder marks the run as not ended cleanly. `counts` and
- * `recorder` may be NULL. */
+ * closes. If entries remain after settings.patience, counts them as lost and fails with
+ * TL_TRY_AGAIN; the next recorder marks the run as not ended cleanly. `counts` and `recorder` may
+ * be NULL. */
 tl_status tl_recorder_close(tl_recorder *recorder, const char *reason, tl_recorder_counts *counts, tl_error *error);
 
 #endif

@@ -113,8 +113,8 @@ bool tl_recorder_writer_is_removed(tl_recorder_writer *writer);
 bool tl_recorder_writer_next_normal(tl_recorder_writer *writer, uint32_t number, uint32_t *next);
 
 /* Returns since when a queue is unreadable (CLOCK_MONOTONIC, ns); 0: it is readable. `queue`: index
- * in settings.queues. The writer
- * checks again every second, because a successor of the producer may have repaired the queue. */
+ * in settings.queues. The writer checks again every second, because a successor of the producer may
+ * have repaired the queue. */
 tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t queue);
 
 /* Returns the path of the open file; if no file is open, the requested path. */

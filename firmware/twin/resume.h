@@ -286,8 +286,8 @@ typedef struct tl_resume_history_settings {
     void *context; /* of `report` */
 } tl_resume_history_settings;
 
-/* Opens the database. Returns NULL if `record.resume_s` is 0. Also if the database cannot be read
- * or memory is out; this is reported, and the twin can start a new run. */
+/* Opens the database. Returns NULL if `record.resume_s` is 0, the database cannot be read, or
+ * memory is out. The last two cases are reported, and the twin can start a new run. */
 tl_resume_history *tl_resume_history_open(const tl_resume_history_settings *settings);
 
 /* NULL is allowed. */
@@ -313,7 +313,7 @@ tl_time tl_resume_history_ended(const tl_resume_history *history);
 #define TL_RESUME_SAMPLES_BEFORE (60 * TL_SECOND)
 
 /* Writes an image of samples to `image`, which has `room` bytes: from tick `from` up to a gap, at
- * most TL_RESUME_TICKS. Negative `from`: from TL_RESUME_SAMPLES_BEFORE. `path`: of the database.
+ * most TL_RESUME_TICKS. `from` < 0: from 60 s before the newest sample on. `path`: of the database.
  * `boot`: tl_identity_boot(). *size: bytes; 0: no samples. Errors: those of history.h. */
 tl_status tl_resume_samples_find(const char *path, const char *boot, int64_t from, void *image, size_t room,
                                  size_t *size, tl_error *error);
