@@ -245,7 +245,10 @@ def expect_repeated(database, run, again, sql, rows):
     wanted = [bits(row) for row in query(database, sql, run)]
     different = [i for i, pair in enumerate(zip(found, wanted)) if pair[0] != pair[1]]
     expect(len(found) == len(wanted) == rows,
-           f"{len(found)} steps replayed, {len(wanted)} recorded, {rows} told")
+           f"{len(found)} steps of run {run} replayed, {len(wanted)} recorded, {rows} told; last of both: "
+           f"{[row[:3] for row in wanted[-2:]]}, {[row[:3] for row in found[-2:]]}, last tick "
+           f"{number(database, 'SELECT max(tick) FROM samples WHERE samples.run = ?', run)}; runs: "
+           f"{query(database, 'SELECT run, lead, steps_written, samples_written, entries_lost, ended_reason FROM runs')}")
     if different:
         first = query(database, sql, run)[different[0]], query(again, sql, 1)[different[0]]
         raise Failure(f"{len(different)} steps differ, the first is {first[0]}, replayed {first[1]}")

@@ -13,8 +13,7 @@ import time
 
 import box
 from can_bus import ERROR, OMEGA, Bus, Motor, events_with, interface_down, interface_up, live_config, transmitted
-from live_test import (GOOD, NO_LINK, PATIENCE, RESULTS, check_database, expect_events, expect_repeated, number, query, stop,
-                       wait_until)
+from live_test import GOOD, NO_LINK, PATIENCE, RESULTS, bits, check_database, expect_events, number, query, stop, wait_until
 from supervised import Supervised, end_orderly, expect_in_lock, expect_starts, known_state, wait_for_run
 from twinlock_test import BUILD, expect, main, replay_json, scratch
 
@@ -115,9 +114,11 @@ def check_times(database):
 
 
 def expect_replay(config, database, run):
+    """A slow box may end a run while its twin is behind the samples. Then the replay has more steps."""
     again = scratch() / "again.db"
     replay_json(config, "--recording", database, "--run", str(run), "--db", again, timeout=PATIENCE)
-    expect_repeated(database, run, again, RESULTS, number(database, "SELECT count(*) FROM steps WHERE steps.run = ?", run))
+    wanted, found = [bits(row) for row in query(database, RESULTS, run)], [bits(row) for row in query(again, RESULTS, 1)]
+    expect(wanted and found[:len(wanted)] == wanted, f"run {run}: {len(wanted)} steps, {len(found)} replayed, or other values")
 
 
 def test_campaign():
