@@ -38,7 +38,6 @@ typedef struct csv_table {
 typedef struct csv_line {
     const tl_show_request *request;
     tl_show_output output;
-    FILE *file; /* output.file */
     const csv_table *table;
     const tl_recorder_signal *signal; /* signals of the table's kind; for steps those that can be held */
     size_t signals;
@@ -94,11 +93,11 @@ static void put_instant(const csv_line *line, int64_t step) {
     char text[NUMBER];
     const tl_history_run *run = line->request->run;
     tl_show_exact((double)step * (double)run->step / 1e9, text, sizeof text);
-    (void)fputs(text, line->file);
+    (void)fputs(text, line->output.file);
     if (tl_show_is_live(run)) {
         char utc[TL_UTC_TEXT];
         tl_utc_text(tl_show_instant(run, step), utc);
-        (void)fprintf(line->file, ",%s", utc);
+        (void)fprintf(line->output.file, ",%s", utc);
     }
 }
 
@@ -110,12 +109,12 @@ static void flush_line(csv_line *line) {
     }
     /* y belongs to the end of its step; u and samples belong to the beginning. */
     put_instant(line, line->table->rows == TL_HISTORY_OUTPUTS ? line->number + 1 : line->number);
-    (void)fprintf(line->file, ",%lld", (long long)line->number);
+    (void)fprintf(line->output.file, ",%lld", (long long)line->number);
     for (size_t i = 0; i < line->signals * line->table->per_signal; i++) {
-        (void)fprintf(line->file, ",%s", line->fields[i]);
+        (void)fprintf(line->output.file, ",%s", line->fields[i]);
         line->fields[i][0] = '\0';
     }
-    (void)fputc('\n', line->file);
+    (void)fputc('\n', line->output.file);
     line->number = -1;
 }
 
@@ -164,7 +163,7 @@ static void put_signal_header(const csv_line *line, const tl_recorder_signal *si
     for (size_t i = 0; i < line->table->per_signal; i++) {
         const csv_column *column = &line->table->columns[i];
         const char *name = line->table->rows == TL_HISTORY_SAMPLES ? column_of(signal->name) : signal->name;
-        put_name(line->file, !column->is_to ? name : signal->to != NULL ? signal->to : "", column->what);
+        put_name(line->output.file, !column->is_to ? name : signal->to != NULL ? signal->to : "", column->what);
     }
 }
 
@@ -194,7 +193,7 @@ static void put_held(const csv_line *line, uint32_t held) {
             append_name(text, sizeof text, line->signal[i].name);
         }
     }
-    put_text(line->file, text);
+    put_text(line->output.file, text);
 }
 
 static void take_step(void *context, const tl_history_step *step) {
@@ -204,54 +203,54 @@ static void take_step(void *context, const tl_history_step *step) {
     format_number(step->objective, objective);
     format_number(step->objective_nominal, nominal);
     put_instant(line, step->step);
-    (void)fprintf(line->file, ",%" PRId64 ",%s,%s,%s,%s,%" PRId64 ",%" PRId64 ",%" PRId64 ",%" PRId64 ",", step->step,
-                  step->outcome < TL_FREE || step->outcome >= TL_OUTCOMES ? "unknown"
-                                                                          : tl_outcome_name((tl_outcome)step->outcome),
-                  step->stop < TL_STOP_NONE || step->stop > TL_STOP_TIME ? "unknown"
-                                                                         : tl_stop_name((tl_stop)step->stop),
-                  objective, nominal, step->evaluations, step->executions, step->used, step->predicted);
-    put_flags(line->file, step->flags);
-    (void)fputc(',', line->file);
+    (void)fprintf(
+        line->output.file, ",%" PRId64 ",%s,%s,%s,%s,%" PRId64 ",%" PRId64 ",%" PRId64 ",%" PRId64 ",", step->step,
+        step->outcome < TL_FREE || step->outcome >= TL_OUTCOMES ? "unknown"
+                                                                : tl_outcome_name((tl_outcome)step->outcome),
+        step->stop < TL_STOP_NONE || step->stop > TL_STOP_TIME ? "unknown" : tl_stop_name((tl_stop)step->stop),
+        objective, nominal, step->evaluations, step->executions, step->used, step->predicted);
+    put_flags(line->output.file, step->flags);
+    (void)fputc(',', line->output.file);
     put_held(line, step->held);
-    (void)fputc('\n', line->file);
+    (void)fputc('\n', line->output.file);
 }
 
 static void take_event(void *context, const tl_history_event *event) {
     const csv_line *line = context;
     const char *const texts[] = {event->severity, event->source, event->text};
-    put_text(line->file, event->at);
-    (void)fputc(',', line->file);
+    put_text(line->output.file, event->at);
+    (void)fputc(',', line->output.file);
     if (event->has_tick) {
-        (void)fprintf(line->file, "%lld", (long long)event->tick);
+        (void)fprintf(line->output.file, "%lld", (long long)event->tick);
     }
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
-        (void)fputc(',', line->file);
-        put_text(line->file, texts[i]);
+        (void)fputc(',', line->output.file);
+        put_text(line->output.file, texts[i]);
     }
-    (void)fputc('\n', line->file);
+    (void)fputc('\n', line->output.file);
 }
 
 static void take_period(void *context, const tl_history_period *period) {
     const csv_line *line = context;
     const double numbers[] = {period->mean, period->least, period->largest, period->spread};
-    (void)fprintf(line->file, "%" PRId64, period->start_s);
+    (void)fprintf(line->output.file, "%" PRId64, period->start_s);
     if (tl_show_is_live(period->run)) {
         char utc[TL_UTC_TEXT];
         int64_t started = 0;
         (void)tl_utc_parse(period->run->started, &started);
         tl_utc_text(started + period->start_s * 1000, utc);
-        (void)fprintf(line->file, ",%s", utc);
+        (void)fprintf(line->output.file, ",%s", utc);
     }
-    (void)fprintf(line->file, ",%" PRId64 ",%s", period->run->run, period->kind);
-    put_name(line->file, period->name, "");
-    put_name(line->file, period->unit, "");
-    (void)fprintf(line->file, ",%" PRId64, period->count);
+    (void)fprintf(line->output.file, ",%" PRId64 ",%s", period->run->run, period->kind);
+    put_name(line->output.file, period->name, "");
+    put_name(line->output.file, period->unit, "");
+    (void)fprintf(line->output.file, ",%" PRId64, period->count);
     for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
         csv_field text;
         format_number(numbers[i], text);
-        (void)fprintf(line->file, ",%s", text);
+        (void)fprintf(line->output.file, ",%s", text);
     }
-    (void)fputc('\n', line->file);
+    (void)fputc('\n', line->output.file);
 }
 
 /* ---- Output ---------------------------------------------------------------------------------- */
@@ -286,7 +285,7 @@ static void write_lines(void *context) {
 static tl_status print_periods(csv_line *line, int length_s, tl_error *error) {
     const tl_show_request *request = line->request;
     const tl_history_visitor visitor = {.context = line, .period = take_period, .pause = write_lines};
-    (void)fprintf(line->file, "time%s,run,kind,name,unit,count,mean,least,largest,spread\n",
+    (void)fprintf(line->output.file, "time%s,run,kind,name,unit,count,mean,least,largest,spread\n",
                   tl_show_is_live(request->run) ? ",at" : "");
     return tl_history_periods(request->history, request->run, length_s, &visitor, error);
 }
@@ -294,7 +293,7 @@ static tl_status print_periods(csv_line *line, int length_s, tl_error *error) {
 static tl_status print_events(csv_line *line, tl_error *error) {
     const tl_show_request *request = line->request;
     const tl_history_visitor visitor = {.context = line, .event = take_event, .pause = write_lines};
-    (void)fputs("at,tick,severity,source,text\n", line->file);
+    (void)fputs("at,tick,severity,source,text\n", line->output.file);
     return tl_history_events(request->history, request->run, request->from_at, -1, &visitor, error);
 }
 
@@ -312,11 +311,11 @@ static tl_status print_rows(csv_line *line, tl_error *error) {
     if (status != TL_OK) {
         return status;
     }
-    (void)fprintf(line->file, "time%s,%s", tl_show_is_live(request->run) ? ",at" : "", table->head);
+    (void)fprintf(line->output.file, "time%s,%s", tl_show_is_live(request->run) ? ",at" : "", table->head);
     for (size_t i = 0; i < line->signals; i++) {
         put_signal_header(line, &line->signal[i]);
     }
-    (void)fputc('\n', line->file);
+    (void)fputc('\n', line->output.file);
     if (any) {
         visitor.context = line;
         visitor.pause = write_lines;
@@ -365,7 +364,6 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
     line.table = table < TL_SHOW_EVENTS ? &tables[table] : NULL;
     tl_status status = tl_show_output_open(&line.output, file, error);
     if (status == TL_OK) {
-        line.file = line.output.file;
         status = print_table(&line, table, error);
         status = tl_show_output_close(&line.output, status, error);
     }
