@@ -5,6 +5,7 @@
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "board/csv/csv_table.h"
@@ -13,7 +14,14 @@ struct tl_csv_reader {
     int file;
     bool at_end;  /* of the bytes */
     bool any;     /* there was a row */
-    tl_time time; /* of the row before */
+    tl_time time; /* of the last row that was read */
+    bool is_file; /* no FIFO: the next row can be awaited */
+    /* the result of reading the row after the last one */
+    bool has_next;
+    tl_csv_row next;
+    bool next_end;
+    tl_status next_status;
+    tl_error next_error;
     tl_csv_table table;
     tl_csv_lines lines;
 };
@@ -76,6 +84,8 @@ tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, t
         status = tl_fail(error, shortage ? TL_TRY_AGAIN : TL_BAD_DATA, "%s: cannot be opened: %s", settings->path,
                          strerror(errno));
     } else {
+        struct stat about;
+        made->is_file = fstat(made->file, &about) == 0 && S_ISREG(about.st_mode) != 0;
         status = read_header(made, error);
     }
     if (status != TL_OK) {
@@ -86,26 +96,73 @@ tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, t
     return TL_OK;
 }
 
-tl_status tl_csv_next(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error) {
-    char *line = NULL;
-    tl_status status = next_line(reader, &line, error);
-    *end = status == TL_OK && line == NULL;
-    if (status != TL_OK || *end) {
-        return status;
+static tl_status read_row(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error) {
+    bool is_units = true;
+    while (is_units) {
+        char *line = NULL;
+        tl_status status = next_line(reader, &line, error);
+        *end = status == TL_OK && line == NULL;
+        if (status != TL_OK || *end) {
+            return status;
+        }
+        status = tl_csv_table_row(&reader->table, line, reader->lines.number, row, &is_units, error);
+        if (status != TL_OK) {
+            return status;
+        }
     }
-    status = tl_csv_table_row(&reader->table, line, reader->lines.number, row, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    if (reader->any && row->time <= reader->time) {
+    if (reader->any && row->time < reader->time) {
         return tl_fail(
             error, TL_BAD_DATA,
-            "%s, line %lld: the time %.9f s is not after %.9f s in the row before: remove the row, or correct its time",
+            "%s, line %lld: the time %.9f s is before %.9f s in the row before: remove the row, or correct its time",
             reader->table.path, (long long)reader->lines.number, tl_seconds(row->time), tl_seconds(reader->time));
     }
     reader->any = true;
     reader->time = row->time;
     return TL_OK;
+}
+
+/* Takes the row that was read ahead, or else reads one. */
+static tl_status take_row(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error) {
+    if (!reader->has_next) {
+        return read_row(reader, row, end, error);
+    }
+    reader->has_next = false;
+    *end = reader->next_end;
+    if (reader->next_status != TL_OK) {
+        *error = reader->next_error;
+    } else if (!*end) {
+        *row = reader->next;
+    }
+    return reader->next_status;
+}
+
+/* Of two rows with one time the later counts, in the cells that it has. */
+static void merge_row(const tl_csv_reader *reader, tl_csv_row *row) {
+    for (size_t i = 0; i < reader->table.column_count; i++) {
+        if (reader->next.present[i]) {
+            row->present[i] = true;
+            row->values[i] = reader->next.values[i];
+            row->quality[i] = reader->next.quality[i];
+        }
+    }
+}
+
+tl_status tl_csv_next(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error) {
+    tl_status status = take_row(reader, row, end, error);
+    bool is_same = status == TL_OK && !*end && reader->is_file;
+    while (is_same) {
+        reader->next_status = read_row(reader, &reader->next, &reader->next_end, &reader->next_error);
+        is_same = reader->next_status == TL_OK && !reader->next_end && reader->next.time == row->time;
+        reader->has_next = !is_same;
+        if (is_same) {
+            merge_row(reader, row);
+        }
+    }
+    return status;
+}
+
+void tl_csv_describe(const tl_csv_reader *reader, char text[TL_CSV_FORM]) {
+    tl_csv_table_describe(&reader->table, text);
 }
 
 void tl_csv_close(tl_csv_reader *reader) {

@@ -3,10 +3,12 @@
  * Purpose: tl_csv_reader reads a recording row by row (`twinlock replay`, `plant`). tl_csv_driver
  *          plays a file in real time, or reads a file or FIFO while another program writes it
  *          (thesis 5.4.2). It converts row times to stamps of CLOCK_MONOTONIC.
- * Format:  see config/SPEC.md, "Recordings": a header row, comma separated. One column is the time
- *          in seconds, strictly increasing. An empty cell means "no new value". Cells may be quoted
+ * Format:  see docs/reference/files.md, "Recordings": a header row; commas, semicolons or tabs
+ *          separate the cells, whichever are most frequent in it. A row of units may follow. One
+ *          column is the time (csv_time.h). An empty cell means "no new value". Cells may be quoted
  *          and have spaces around them; lines end with LF or CRLF. A UTF-8 byte order mark, blank
- *          lines and other columns are ignored. Numbers are decimal, with a point.
+ *          lines and other columns are ignored. Numbers are decimal, with a point, or with a comma
+ *          if commas do not separate cells; TRUE and FALSE are 1 and 0.
  * Thread:  one per reader; for the driver see plant_io.h.
  */
 #ifndef TL_BOARD_CSV_CSV_H
@@ -22,16 +24,21 @@ typedef struct tl_csv_reader tl_csv_reader;
 
 /* Opens a file and reads its header. Copies all settings. The caller closes the reader. Errors:
  * TL_BAD_DATA: the file cannot be opened or read, is empty or a device; a requested column is
- * missing (the text lists the existing ones) or occurs twice; semicolons separate the cells; a
- * quote is not closed; the header exceeds 64 KiB; or more than TL_MAX_SIGNALS columns are
+ * missing (the text lists the existing ones) or occurs twice; the file is compressed or in UTF-16;
+ * a quote is not closed; the header exceeds 64 KiB; or more than TL_MAX_SIGNALS columns are
  * requested. TL_TRY_AGAIN: out of memory or descriptors. */
 tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, tl_error *error);
 
 /* Reads the next row. At the end of the file, sets *end to true and leaves *row unchanged. Waits if
- * the file is a FIFO. Errors: TL_BAD_DATA: the time is no number, beyond ±4.6e9 s or not
- * increasing; the number of cells is wrong; a quote is not closed; the line exceeds 64 KiB; or the
- * file cannot be read. */
+ * the file is a FIFO. Of two rows with one time, as at an event of a simulation, the later counts
+ * in the cells that it has; rows of a FIFO are not merged. Errors: TL_BAD_DATA: the time cannot be
+ * read, has another form than the first one, is beyond ±4.6e9 s or before that of the last row; the
+ * number of cells is wrong; a quote is not closed; the line exceeds 64 KiB; or the file cannot be
+ * read. */
 tl_status tl_csv_next(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error);
+
+/* See tl_csv_table_describe(); the form of the times is known after the first row. */
+void tl_csv_describe(const tl_csv_reader *reader, char text[TL_CSV_FORM]);
 
 /* Closes the file and frees the reader. NULL is allowed. */
 void tl_csv_close(tl_csv_reader *reader);

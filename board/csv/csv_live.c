@@ -239,9 +239,13 @@ static void take_line(tl_plant_io *io, const tl_plant_io_sink *sink, char *line)
     tl_error why_no_row = {.status = TL_OK};
     tl_error why_no_header = {.status = TL_OK};
     bool had_header = io->table.cell_count > 0;
+    bool is_units = false;
     memcpy(io->copy, line, strlen(line) + 1);
-    if (had_header && tl_csv_table_row(&io->table, io->copy, io->lines.number, &io->row, &why_no_row) == TL_OK) {
-        take_row(io, sink);
+    if (had_header &&
+        tl_csv_table_row(&io->table, io->copy, io->lines.number, &io->row, &is_units, &why_no_row) == TL_OK) {
+        if (!is_units) {
+            take_row(io, sink);
+        }
     } else if (tl_csv_table_header(&io->table, line, io->lines.number, &why_no_header) == TL_OK) {
         io->anchor.set = io->anchor.set && io->repeats; /* else the writer has restarted */
         io->has_held = false;

@@ -2,10 +2,10 @@
 #include "board/csv/csv_table.h"
 
 #include <assert.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 
 #include "board/csv/csv_number.h"
@@ -15,9 +15,6 @@
  * Cells are split in place: each cell's end becomes a zero byte, and quotes are removed by moving
  * the text to the left.
  */
-
-/* Largest |seconds| of a row, so that tl_time can hold the distance of two rows. */
-#define LAST_SECOND 4.6e9
 
 /* ---- lines ---- */
 
@@ -99,8 +96,12 @@ bool tl_csv_is_device(const char *path) {
 
 /* ---- cells ---- */
 
-static char *skip_spaces(char *text) {
-    while (*text == ' ' || *text == '\t') {
+static bool is_space(char character, char separator) {
+    return character == ' ' || (character == '\t' && separator != '\t');
+}
+
+static char *skip_spaces(char *text, char separator) {
+    while (is_space(*text, separator)) {
         text++;
     }
     return text;
@@ -125,21 +126,22 @@ static char *unquote(char *cell) {
 
 /* Takes the next cell off *rest, which is NULL after the last one. Returns NULL if the cell is
  * malformed. */
-static const char *cut_cell(char **rest) {
-    char *cell = skip_spaces(*rest);
+static char *cut_cell(char **rest, char separator) {
+    const char ends[] = {separator, '\0'};
+    char *cell = skip_spaces(*rest, separator);
     char *end;
     if (*cell == '"') {
         end = unquote(cell);
-        end = end != NULL ? skip_spaces(end) : NULL;
-        if (end == NULL || (*end != ',' && *end != '\0')) {
+        end = end != NULL ? skip_spaces(end, separator) : NULL;
+        if (end == NULL || (*end != separator && *end != '\0')) {
             return NULL;
         }
-        *rest = *end == ',' ? end + 1 : NULL;
+        *rest = *end == separator ? end + 1 : NULL;
         return cell;
     }
-    end = cell + strcspn(cell, ",");
-    *rest = *end == ',' ? end + 1 : NULL;
-    while (end > cell && (end[-1] == ' ' || end[-1] == '\t')) {
+    end = cell + strcspn(cell, ends);
+    *rest = *end == separator ? end + 1 : NULL;
+    while (end > cell && is_space(end[-1], separator)) {
         end--;
     }
     *end = '\0';
@@ -190,10 +192,10 @@ void tl_csv_table_release(tl_csv_table *table) {
 
 /* Splits a line into at most `room` cells. Returns their number (perhaps more than `room`), or 0 if
  * the line is malformed. */
-static size_t cut_line(char *line, const char **cells, size_t room) {
+static size_t cut_line(char *line, char separator, char **cells, size_t room) {
     size_t count = 0;
     for (char *rest = line; rest != NULL; count++) {
-        const char *cell = cut_cell(&rest);
+        char *cell = cut_cell(&rest, separator);
         if (cell == NULL) {
             return 0;
         }
@@ -205,7 +207,7 @@ static size_t cut_line(char *line, const char **cells, size_t room) {
 }
 
 /* Lists the existing columns as far as there is room. */
-static tl_status missing(const tl_csv_table *table, const char *column, int64_t number, const char *const *cells,
+static tl_status missing(const tl_csv_table *table, const char *column, int64_t number, char *const *cells,
                          size_t count, tl_error *error) {
     char existing[280] = "";
     size_t used = 0;
@@ -223,7 +225,7 @@ static tl_status missing(const tl_csv_table *table, const char *column, int64_t 
 }
 
 /* The cell of a column. */
-static tl_status find_column(const tl_csv_table *table, const char *column, int64_t number, const char *const *cells,
+static tl_status find_column(const tl_csv_table *table, const char *column, int64_t number, char *const *cells,
                              size_t count, size_t *found, tl_error *error) {
     size_t times = 0;
     for (size_t i = count; i-- > 0;) {
@@ -239,8 +241,7 @@ static tl_status find_column(const tl_csv_table *table, const char *column, int6
     return times == 1 ? TL_OK : missing(table, column, number, cells, count, error);
 }
 
-static tl_status find_columns(tl_csv_table *table, int64_t number, const char *const *cells, size_t count,
-                              tl_error *error) {
+static tl_status find_columns(tl_csv_table *table, int64_t number, char *const *cells, size_t count, tl_error *error) {
     size_t time_cell = 0;
     size_t cell_of[TL_MAX_SIGNALS] = {0};
     tl_status status = find_column(table, table->time_column, number, cells, count, &time_cell, error);
@@ -254,26 +255,66 @@ static tl_status find_columns(tl_csv_table *table, int64_t number, const char *c
     return status;
 }
 
+/* Files that are no text in UTF-8. */
+static tl_status check_kind(const tl_csv_table *table, const char *line, tl_error *error) {
+    static const struct {
+        const char *begin, *what, *remedy;
+    } kinds[] = {
+        {"\x1F\x8B", "is compressed", "gzip -dk"},
+        {"\xFD"
+         "7zXZ",
+         "is compressed", "xz -dk"},
+        {"PK\x03\x04", "is a spreadsheet or ZIP archive", "save it as CSV, or: unzip"},
+        {"\xFF\xFE", "is in UTF-16", "iconv -f UTF-16 -t UTF-8"},
+        {"\xFE\xFF", "is in UTF-16", "iconv -f UTF-16 -t UTF-8"},
+    };
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
+        if (strncmp(line, kinds[i].begin, strlen(kinds[i].begin)) == 0) {
+            return tl_fail(error, TL_BAD_DATA, "%s: the file %s (expected CSV in UTF-8): %s", table->path,
+                           kinds[i].what, kinds[i].remedy);
+        }
+    }
+    return TL_OK;
+}
+
+/* The separator that occurs most often outside of quotes; the comma if several do. */
+static char find_separator(const char *line) {
+    static const char separators[] = ",;\t";
+    size_t counts[sizeof separators - 1] = {0};
+    bool is_quoted = false;
+    for (const char *at = line; *at != '\0'; at++) {
+        const char *found = strchr(separators, *at);
+        is_quoted = *at == '"' ? !is_quoted : is_quoted;
+        if (found != NULL && !is_quoted) {
+            counts[found - separators]++;
+        }
+    }
+    size_t most = 0;
+    for (size_t i = 1; i < sizeof counts / sizeof counts[0]; i++) {
+        most = counts[i] > counts[most] ? i : most;
+    }
+    return separators[most];
+}
+
 tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, tl_error *error) {
-    size_t room = 1;
     if (strncmp(line, "\xEF\xBB\xBF", 3) == 0) {
         line += 3;
     }
-    for (const char *at = strchr(line, ','); at != NULL; at = strchr(at + 1, ',')) {
+    tl_status status = check_kind(table, line, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    const char separator = find_separator(line);
+    size_t room = 1;
+    for (const char *at = strchr(line, separator); at != NULL; at = strchr(at + 1, separator)) {
         room++;
     }
-    if (room == 1 && strchr(line, ';') != NULL) {
-        return tl_fail(error, TL_BAD_DATA,
-                       "%s, line %lld: semicolons separate the columns (expected commas, as in \"%.64s,u\")",
-                       table->path, (long long)number, table->time_column);
-    }
-    const char **cells = calloc(room, sizeof *cells);
+    char **cells = calloc(room, sizeof *cells);
     if (cells == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", table->path);
     }
-    size_t count = cut_line(line, cells, room);
-    assert(count <= room); /* a comma in quotes separates none */
-    tl_status status = TL_OK;
+    size_t count = cut_line(line, separator, cells, room);
+    assert(count <= room); /* a separator in quotes separates none */
     if (count == 0) {
         status = tl_fail(error, TL_BAD_DATA, "%s, line %lld: a quote in the header is not closed, or text follows it",
                          table->path, (long long)number);
@@ -287,12 +328,35 @@ tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, t
     free(table->cells);
     table->cells = cells;
     table->cell_count = count;
+    table->separator = separator;
+    table->clock = (tl_csv_clock){0};
+    table->has_rows = false;
     return TL_OK;
 }
 
-tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_csv_row *row, tl_error *error) {
-    double seconds = 0;
-    size_t count = cut_line(line, table->cells, table->cell_count);
+/* ---- rows ---- */
+
+/* Where commas do not separate cells, a comma is a decimal one. */
+static char *with_point(const tl_csv_table *table, char *cell) {
+    char *comma = table->separator == ',' || strchr(cell, '.') != NULL ? NULL : strchr(cell, ',');
+    if (comma != NULL) {
+        *comma = '.';
+    }
+    return cell;
+}
+
+static bool read_value(const char *cell, double *value) {
+    if (tl_csv_number_read(cell, value)) {
+        return true;
+    }
+    *value = strcasecmp(cell, "true") == 0 ? 1 : 0;
+    return *value > 0 || strcasecmp(cell, "false") == 0;
+}
+
+tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_csv_row *row, bool *is_units,
+                           tl_error *error) {
+    size_t count = cut_line(line, table->separator, table->cells, table->cell_count);
+    *is_units = false;
     if (count == 0) {
         return tl_fail(error, TL_BAD_DATA, "%s, line %lld: a quote is not closed, or text follows it", table->path,
                        (long long)number);
@@ -301,22 +365,47 @@ tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_c
         return tl_fail(error, TL_BAD_DATA, "%s, line %lld: the row has %zu cells (expected %zu, as the header)",
                        table->path, (long long)number, count, table->cell_count);
     }
-    const char *time = table->cells[table->time_cell];
-    if (!tl_csv_number_read(time, &seconds) || fabs(seconds) > LAST_SECOND) {
-        return tl_fail(
-            error, TL_BAD_DATA,
-            "%s, line %lld: the time is \"%.40s\" (expected seconds from -4.6e9 to 4.6e9): write seconds, as 0.1, "
-            "or a Unix time: `date -d DATE +%%s.%%N`",
-            table->path, (long long)number, time);
+    const char *time = with_point(table, table->cells[table->time_cell]);
+    if (!table->has_rows && table->clock.form == TL_CSV_TIME_UNKNOWN && tl_csv_time_read_unit(&table->clock, time)) {
+        *is_units = true;
+        return TL_OK;
     }
-    row->time = tl_time_of_seconds(seconds);
+    if (!tl_csv_time_read(&table->clock, time, &row->time)) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s, line %lld: the time is \"%.40s\" (expected seconds from -4.6e9 to 4.6e9, a Unix time in "
+                       "s, ms, us or ns, or a date as 2026-11-30T06:44:34.5Z; in all rows the same)",
+                       table->path, (long long)number, time);
+    }
+    table->has_rows = true;
     for (size_t i = 0; i < table->column_count; i++) {
-        const char *cell = table->cells[table->cell_of[i]];
-        bool good = tl_csv_number_read(cell, &row->values[i]);
+        const char *cell = with_point(table, table->cells[table->cell_of[i]]);
+        bool good = read_value(cell, &row->values[i]);
         row->present[i] = cell[0] != '\0';
         row->quality[i] = good ? TL_GOOD : TL_NOT_A_NUMBER;
     }
     return TL_OK;
+}
+
+void tl_csv_table_describe(const tl_csv_table *table, char text[TL_CSV_FORM]) {
+    const char *const separator = table->separator == ';' ? "semicolons" : table->separator == '\t' ? "tabs" : "";
+    const char *time = "";
+    switch (table->clock.form) {
+    case TL_CSV_TIME_DATE:
+        time = "dates";
+        break;
+    case TL_CSV_TIME_ZONELESS:
+        time = "dates without zone (UTC)";
+        break;
+    case TL_CSV_TIME_NUMBER:
+        time = table->clock.per_second == 1000         ? "times in ms"
+               : table->clock.per_second == 1000000    ? "times in us"
+               : table->clock.per_second == 1000000000 ? "times in ns"
+                                                       : "";
+        break;
+    case TL_CSV_TIME_UNKNOWN:
+        break;
+    }
+    (void)snprintf(text, TL_CSV_FORM, "%s%s%s", separator, separator[0] != '\0' && time[0] != '\0' ? ", " : "", time);
 }
 
 tl_status tl_csv_table_too_long(const tl_csv_table *table, int64_t number, tl_error *error) {

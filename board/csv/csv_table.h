@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "board/csv/csv_time.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
@@ -28,7 +29,8 @@ typedef struct tl_csv_settings {
 } tl_csv_settings;
 
 /* One row; the arrays are indexed by channel. `present` is false for an empty cell. A cell that is
- * no finite number, also an empty one, has the quality TL_NOT_A_NUMBER and the value 0. */
+ * no finite number and no truth value, also an empty one, has the quality TL_NOT_A_NUMBER and the
+ * value 0. */
 typedef struct tl_csv_row {
     tl_time time; /* ns, by the time column */
     bool present[TL_MAX_SIGNALS];
@@ -90,7 +92,10 @@ typedef struct tl_csv_table {
     size_t cell_count;              /* cells of each row; 0: no header yet */
     size_t time_cell;               /* index of the time cell in a row */
     size_t cell_of[TL_MAX_SIGNALS]; /* index of each channel's cell in a row */
-    const char **cells;             /* cells of the current row */
+    char **cells;                   /* cells of the current row */
+    char separator;                 /* of cells: comma, semicolon or tab */
+    tl_csv_clock clock;             /* form of the times, since the header */
+    bool has_rows;                  /* since the header */
 } tl_csv_table;
 
 /* Initialises the table; copies the settings. After an error nothing needs to be released. Errors:
@@ -103,8 +108,16 @@ tl_status tl_csv_table_make(tl_csv_table *table, const tl_csv_settings *settings
 tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, tl_error *error);
 
 /* Converts a line to a row, after a header; modifies `line`. Does not compare the time with earlier
- * rows. After an error (TL_BAD_DATA) *row is undefined. */
-tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_csv_row *row, tl_error *error);
+ * rows. *is_units: the line is a second header, with units, and *row is undefined. After an error
+ * (TL_BAD_DATA) both are undefined. */
+tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_csv_row *row, bool *is_units,
+                           tl_error *error);
+
+enum { TL_CSV_FORM = 64 }; /* longest text, with its end */
+
+/* Writes how the rows are written if not with commas and seconds, for messages: "semicolons,
+ * dates", else "". */
+void tl_csv_table_describe(const tl_csv_table *table, char text[TL_CSV_FORM]);
 
 /* Sets *error for a line that was TL_CSV_TOO_LONG. Returns TL_BAD_DATA. */
 tl_status tl_csv_table_too_long(const tl_csv_table *table, int64_t number, tl_error *error);

@@ -160,7 +160,10 @@ static tl_status check_recording(tl_verb_job *job) {
     job->config.recording_run = (int64_t)job->options->run;
     tl_status status = tl_options_find_recording(job->options, config, path, error);
     status = status == TL_OK ? tl_recording_open(path, config, &recording, error) : status;
-    status = status == TL_OK ? tl_survey_take(recording, config, &survey, error) : status;
+    if (status == TL_OK) {
+        tl_recording_log_form(recording);
+        status = tl_survey_take(recording, config, &survey, error);
+    }
     tl_recording_close(recording);
     if (status == TL_OK) {
         tl_proposal_make(config, &survey, &proposal);

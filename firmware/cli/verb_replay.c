@@ -215,6 +215,7 @@ static tl_status open_recording(replayer *self) {
     if (status != TL_OK) {
         return status;
     }
+    tl_recording_log_form(self->recording);
     return tl_verb_job_use_recording(job, self->recording);
 }
 

@@ -12,6 +12,7 @@
 
 #include "board/csv/csv.h"
 #include "firmware/base/identity.h"
+#include "firmware/base/log.h"
 #include "firmware/config/config.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/plant/plant_input.h"
@@ -29,8 +30,9 @@ struct tl_recording {
     void *sample_memory; /* memory of its sample buffers */
     /* from CSV */
     tl_csv_reader *reader;
-    tl_time start;  /* time of the first row; of a database: 0, unless by_recording */
-    tl_csv_row row; /* read, but not posted yet */
+    char form[TL_CSV_FORM]; /* how it is written; "": as usual */
+    tl_time start;          /* time of the first row; of a database: 0, unless by_recording */
+    tl_csv_row row;         /* read, but not posted yet */
     bool row_waits;
     /* from a database */
     tl_history *history; /* NULL: from CSV */
@@ -606,6 +608,9 @@ static tl_status check_rows(tl_recording *recording, const char *path, tl_error 
             last = recording->row.time;
         }
     }
+    if (status == TL_OK) {
+        tl_csv_describe(reader, recording->form);
+    }
     tl_csv_close(reader);
     if (status == TL_OK && rows == 0) {
         return tl_fail(error, TL_BAD_DATA, "%s: the file has a header, but no row", path);
@@ -701,6 +706,12 @@ tl_status tl_recording_open(const char *path, const tl_config *config, tl_record
     opened->next = opened->beginning.tick;
     *recording = opened;
     return TL_OK;
+}
+
+void tl_recording_log_form(const tl_recording *recording) {
+    if (recording->form[0] != '\0') {
+        tl_log(TL_LOG_NOTICE, "%s: read with %s", recording->path, recording->form);
+    }
 }
 
 tl_recording_tunings tl_recording_get_tunings(const tl_recording *recording) {

@@ -105,6 +105,10 @@ typedef struct tl_recording tl_recording;
  * recording. Errors: TL_BAD_DATA; TL_TRY_AGAIN; TL_BAD_USAGE: a run of a CSV file was requested. */
 tl_status tl_recording_open(const char *path, const tl_config *config, tl_recording **recording, tl_error *error);
 
+/* Logs how a CSV file is read if its cells are not separated by commas or its times are no seconds,
+ * because both are recognised, not configured. */
+void tl_recording_log_form(const tl_recording *recording);
+
 /* Returns the start of the replay; NULL: at tick 0 with start values. */
 const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *recording);
 

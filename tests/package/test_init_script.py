@@ -112,7 +112,7 @@ def test_a_day(shell):
         box.call("restart")
         expect(is_gone(first) and box.pid() != first, "not restarted")
         second = box.pid()
-        wait_until((box.folder / "states.json").exists, "the test of the saved states", box.said)
+        wait_until((box.folder / "states.json").exists, "states.json", box.said)
         expect("stopped" in box.call("stop") and is_gone(second) and not box.pidfile.exists(), "not stopped")
         expect_no_line(box.call("stop"), "stopped")
         box.call("status", 3)

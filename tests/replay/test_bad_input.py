@@ -411,7 +411,6 @@ def test_recordings():
     expect_recording_refused("time,omega,M_brake\n0,1,2\n", "line 1|column|\"t\"|time, omega, M_brake")
     expect_recording_refused("t,omega,omega,M_brake\n0,1,2,3\n", "line 1|column|\"omega\"|2")
     expect_recording_refused("t,omega,M_brake\n0,1,2\n1,1,2\n0.5,1,2\n", "line 4|0.500000000 s|1.000000000 s")
-    expect_recording_refused("t,omega,M_brake\n0,1,2\n0,1,2\n", "line 3|0.000000000 s")
     expect_recording_refused("t,omega,M_brake\n0,1\n", "line 2|2 cells|3")
     expect_recording_refused("t,omega,M_brake\nnoon,1,2\n", "line 2|\"noon\"|seconds|-4.6e9|4.6e9")
     expect_recording_refused("t,omega,M_brake\n1e300,1,2\n", "line 2|\"1e300\"|-4.6e9|4.6e9")

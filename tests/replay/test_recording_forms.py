@@ -1,0 +1,100 @@
+#!/usr/bin/env python3
+"""Recordings as people have them: the same rows in other forms give the same twin, bit by bit."""
+import csv
+import gzip
+from datetime import datetime, timedelta, timezone
+from decimal import Decimal
+
+from twinlock_test import BAD_DATA, SOURCE, expect, expect_line, main, run, scratch
+
+LOCK = SOURCE / "config/motor/lock.json"
+COLUMNS = ("t", "omega", "M_brake")
+BEGIN = datetime(2026, 10, 25, 0, 59, 58, tzinfo=timezone.utc)  # 2 s before the end of summer time in Europe
+ROWS = [[row[name] for name in COLUMNS] for row in csv.DictReader((SOURCE / "config/motor/recording.csv").open(encoding="utf-8"))]
+
+
+def comma(text):
+    return text.replace(".", ",")
+
+
+def date(t, form="%Y-%m-%dT%H:%M:%S", zone=0, point="."):
+    """The date of a time of the recording, with nine digits of a second."""
+    whole, nanoseconds = divmod(int(Decimal(t) * 10**9), 10**9)
+    moment = BEGIN + timedelta(seconds=whole, hours=zone)
+    return f"{moment.strftime(form)}{point}{nanoseconds:09d}"
+
+
+def replayed(text, encoding="utf-8"):
+    """Rows of the replay of a recording with this text, and what it printed."""
+    folder = scratch()
+    path, result = folder / "own.csv", folder / "result.csv"
+    path.write_bytes(text.encode(encoding))
+    code, _, err = run(["replay", LOCK, "--recording", path, "--csv", result])
+    expect(code == 0, err)
+    return result.read_bytes(), err
+
+
+def expect_refused(path, parts):
+    code, _, err = run(["replay", LOCK, "--recording", path])
+    expect(code == BAD_DATA, f"ended with {code}")
+    expect_line(err, f"{path}|{parts}")
+
+
+def lines(rows, separator=",", end="\n"):
+    return "".join(separator.join(row) + end for row in rows)
+
+
+def expect_same(rows, form, **written):
+    expected, _ = replayed(lines([COLUMNS, *ROWS]))
+    result, err = replayed(lines(rows, **written))
+    expect(result == expected, "another twin")
+    expect_line(err, form)
+
+
+def test_semicolons_and_decimal_commas():
+    rows = [COLUMNS, *[[comma(cell) for cell in row] for row in ROWS]]
+    expect_same(rows, "own.csv|semicolons", separator=";", end="\r\n")
+
+
+def test_tabs_and_units_in_milliseconds():
+    rows = [COLUMNS, ["ms", "rad/s", "Nm"], *[[str(Decimal(t) * 1000), *rest] for t, *rest in ROWS]]
+    expect_same(rows, "own.csv|tabs|ms", separator="\t")
+
+
+def test_dates_with_an_hour_that_comes_twice():
+    rows = [COLUMNS]
+    for t, *rest in ROWS:
+        zone = 2 if Decimal(t) < 2 else 1
+        rows.append([f"{date(t, zone=zone)}+0{zone}:00", *rest])
+    expect_same(rows, "own.csv|dates")
+
+
+def test_dates_of_a_spreadsheet():
+    rows = [COLUMNS, *[[date(t, "%d.%m.%Y %H:%M:%S", point=","), *map(comma, rest)] for t, *rest in ROWS]]
+    expect_same(rows, "own.csv|semicolons|UTC", separator=";")
+
+
+def test_an_event_has_two_rows():
+    """Simulation tools write the values before and after an event: the later row counts."""
+    rows = [COLUMNS]
+    for i, row in enumerate(ROWS):
+        rows += [[row[0], "1e3", "5"], row] if i % 7 == 0 else [row]
+    expected, _ = replayed(lines([COLUMNS, *ROWS]))
+    result, _ = replayed(lines(rows))
+    expect(result == expected, "another twin")
+
+
+def test_local_times_go_back():
+    rows = [COLUMNS, *[[date(t, zone=2 if Decimal(t) < 2 else 1), *rest] for t, *rest in ROWS]]
+    path = scratch() / "own.csv"
+    path.write_text(lines(rows), encoding="utf-8")
+    expect_refused(path, "before")
+
+
+def test_compressed():
+    path = scratch() / "own.csv.gz"
+    path.write_bytes(gzip.compress(lines([COLUMNS, *ROWS]).encode()))
+    expect_refused(path, "gzip -dk")
+
+
+main()
