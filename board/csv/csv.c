@@ -10,6 +10,10 @@
 
 #include "board/csv/csv_table.h"
 
+/* Rows with one time. A simulation writes two to four at an event; more are a clock that is too
+ * coarse, and only one of its rows would count. */
+enum { MOST_SAME = 4 };
+
 struct tl_csv_reader {
     int file;
     bool at_end;  /* of the bytes */
@@ -17,6 +21,7 @@ struct tl_csv_reader {
     tl_time time; /* of the last row that was read */
     bool is_file; /* no FIFO: the next row can be awaited */
     /* the result of reading the row after the last one */
+    int64_t merged; /* rows with the time of the row before */
     bool has_next;
     tl_csv_row next;
     bool next_end;
@@ -150,19 +155,28 @@ static void merge_row(const tl_csv_reader *reader, tl_csv_row *row) {
 tl_status tl_csv_next(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error) {
     tl_status status = take_row(reader, row, end, error);
     bool is_same = status == TL_OK && !*end && reader->is_file;
-    while (is_same) {
+    for (int same = 1; is_same; same++) {
         reader->next_status = read_row(reader, &reader->next, &reader->next_end, &reader->next_error);
         is_same = reader->next_status == TL_OK && !reader->next_end && reader->next.time == row->time;
         reader->has_next = !is_same;
+        if (is_same && same >= MOST_SAME) {
+            return tl_fail(error, TL_BAD_DATA,
+                           "%s, line %lld: more than %d rows have the time %.9f s: export times with fractions of a "
+                           "second",
+                           reader->table.path, (long long)reader->lines.number, (int)MOST_SAME, tl_seconds(row->time));
+        }
         if (is_same) {
             merge_row(reader, row);
+            reader->merged++;
         }
     }
     return status;
 }
 
-void tl_csv_describe(const tl_csv_reader *reader, char text[TL_CSV_FORM]) {
-    tl_csv_table_describe(&reader->table, text);
+tl_csv_form tl_csv_get_form(const tl_csv_reader *reader) {
+    tl_csv_form form = {.clock = reader->table.clock, .merged = reader->merged};
+    tl_csv_table_describe(&reader->table, form.text);
+    return form;
 }
 
 void tl_csv_close(tl_csv_reader *reader) {

@@ -32,13 +32,19 @@ tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, t
 /* Reads the next row. At the end of the file, sets *end to true and leaves *row unchanged. Waits if
  * the file is a FIFO. Of two rows with one time, as at an event of a simulation, the later counts
  * in the cells that it has; rows of a FIFO are not merged. Errors: TL_BAD_DATA: the time cannot be
- * read, has another form than the first one, is beyond ±4.6e9 s or before that of the last row; the
- * number of cells is wrong; a quote is not closed; the line exceeds 64 KiB; or the file cannot be
- * read. */
+ * read, has another form than the first one, is beyond ±4.6e9 s or before that of the last row;
+ * more than four rows have one time; the number of cells is wrong; a quote is not closed; the line
+ * exceeds 64 KiB; or the file cannot be read. */
 tl_status tl_csv_next(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error);
 
-/* See tl_csv_table_describe(); the form of the times is known after the first row. */
-void tl_csv_describe(const tl_csv_reader *reader, char text[TL_CSV_FORM]);
+/* How the rows read so far are written. */
+typedef struct tl_csv_form {
+    char text[TL_CSV_FORM]; /* see tl_csv_table_describe() */
+    tl_csv_clock clock;     /* of the times */
+    int64_t merged;         /* rows with the time of the row before */
+} tl_csv_form;
+
+tl_csv_form tl_csv_get_form(const tl_csv_reader *reader);
 
 /* Closes the file and frees the reader. NULL is allowed. */
 void tl_csv_close(tl_csv_reader *reader);

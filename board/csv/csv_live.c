@@ -221,13 +221,24 @@ static bool is_in_time(tl_plant_io *io, const tl_plant_io_sink *sink, tl_time at
     return true;
 }
 
+static void report_rows(tl_plant_io *io, const tl_plant_io_sink *sink) {
+    char form[TL_CSV_FORM];
+    char text[TEXT];
+    if (!tl_link_is_up(&io->state)) {
+        tl_csv_table_describe(&io->table, form);
+        (void)snprintf(text, sizeof text, "%s%s%s", io->is_file ? "open" : "rows arrive",
+                       form[0] != '\0' ? ", read with " : "", form);
+        set_link(io, sink, true, text);
+    }
+}
+
 static void take_row(tl_plant_io *io, const tl_plant_io_sink *sink) {
     tl_time at = tl_monotonic_now();
     if (io->is_file && !io->plays && io->offset - (off_t)(io->lines.end - io->lines.begin) <= io->old) {
         return; /* older than the file's growth */
     }
     if (is_in_time(io, sink, at)) {
-        set_link(io, sink, true, io->is_file ? "open" : "rows arrive");
+        report_rows(io, sink);
         io->row_waits = io->plays;
         if (!io->plays) {
             post_row(io, sink, &io->row, tl_csv_anchor_stamp(&io->anchor, io->row.time, at));
@@ -379,6 +390,7 @@ static void read_file(tl_plant_io *io, const tl_plant_io_sink *sink) {
 static void lose_writer(tl_plant_io *io, const tl_plant_io_sink *sink) {
     bool had_one = tl_link_is_up(&io->state);
     tl_csv_lines_drop(&io->lines);
+    tl_csv_table_forget_guess(&io->table);
     io->anchor.set = false;
     io->has_held = false;
     set_link(io, sink, false,

@@ -260,13 +260,15 @@ static tl_status check_kind(const tl_csv_table *table, const char *line, tl_erro
     static const struct {
         const char *begin, *what, *remedy;
     } kinds[] = {
-        {"\x1F\x8B", "is compressed", "gzip -dk"},
+        {"\x1F\x8B", "is compressed", "gzip -dc FILE > NEW"},
         {"\xFD"
          "7zXZ",
-         "is compressed", "xz -dk"},
-        {"PK\x03\x04", "is a spreadsheet or ZIP archive", "save it as CSV, or: unzip"},
-        {"\xFF\xFE", "is in UTF-16", "iconv -f UTF-16 -t UTF-8"},
-        {"\xFE\xFF", "is in UTF-16", "iconv -f UTF-16 -t UTF-8"},
+         "is compressed", "xz -dc FILE > NEW"},
+        {"BZh", "is compressed", "bzip2 -dc FILE > NEW"},
+        {"\x28\xB5\x2F\xFD", "is compressed", "zstd -dc FILE > NEW"},
+        {"PK\x03\x04", "is a spreadsheet or ZIP archive", "save it as CSV, or unzip it"},
+        {"\xFF\xFE", "is in UTF-16", "iconv -f UTF-16 -t UTF-8 FILE > NEW"},
+        {"\xFE\xFF", "is in UTF-16", "iconv -f UTF-16 -t UTF-8 FILE > NEW"},
     };
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
         if (strncmp(line, kinds[i].begin, strlen(kinds[i].begin)) == 0) {
@@ -277,50 +279,40 @@ static tl_status check_kind(const tl_csv_table *table, const char *line, tl_erro
     return TL_OK;
 }
 
-/* The separator that occurs most often outside of quotes; the comma if several do. */
-static char find_separator(const char *line) {
-    static const char separators[] = ",;\t";
-    size_t counts[sizeof separators - 1] = {0};
+static size_t count_unquoted(const char *line, char separator) {
+    size_t count = 0;
     bool is_quoted = false;
     for (const char *at = line; *at != '\0'; at++) {
-        const char *found = strchr(separators, *at);
         is_quoted = *at == '"' ? !is_quoted : is_quoted;
-        if (found != NULL && !is_quoted) {
-            counts[found - separators]++;
-        }
+        count += *at == separator && !is_quoted ? 1 : 0;
     }
-    size_t most = 0;
-    for (size_t i = 1; i < sizeof counts / sizeof counts[0]; i++) {
-        most = counts[i] > counts[most] ? i : most;
-    }
-    return separators[most];
+    return count;
 }
 
-tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, tl_error *error) {
-    if (strncmp(line, "\xEF\xBB\xBF", 3) == 0) {
-        line += 3;
-    }
-    tl_status status = check_kind(table, line, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    const char separator = find_separator(line);
+/* Finds the columns in a line that `separator` splits. */
+static tl_status split_header(tl_csv_table *table, const char *header, char separator, int64_t number,
+                              tl_error *error) {
     size_t room = 1;
-    for (const char *at = strchr(line, separator); at != NULL; at = strchr(at + 1, separator)) {
+    for (const char *at = strchr(header, separator); at != NULL; at = strchr(at + 1, separator)) {
         room++;
     }
     char **cells = calloc(room, sizeof *cells);
-    if (cells == NULL) {
+    char *line = copy_of(header);
+    if (cells == NULL || line == NULL) {
+        free(cells);
+        free(line);
         return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", table->path);
     }
-    size_t count = cut_line(line, separator, cells, room);
+    const size_t count = cut_line(line, separator, cells, room);
     assert(count <= room); /* a separator in quotes separates none */
+    tl_status status = TL_OK;
     if (count == 0) {
         status = tl_fail(error, TL_BAD_DATA, "%s, line %lld: a quote in the header is not closed, or text follows it",
                          table->path, (long long)number);
     } else {
         status = find_columns(table, number, cells, count, error);
     }
+    free(line);
     if (status != TL_OK) {
         free(cells);
         return status;
@@ -329,28 +321,77 @@ tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, t
     table->cells = cells;
     table->cell_count = count;
     table->separator = separator;
+    table->mark = '\0';
     table->clock = (tl_csv_clock){0};
     table->has_rows = false;
     return TL_OK;
 }
 
-/* ---- rows ---- */
-
-/* Where commas do not separate cells, a comma is a decimal one. */
-static char *with_point(const tl_csv_table *table, char *cell) {
-    char *comma = table->separator == ',' || strchr(cell, '.') != NULL ? NULL : strchr(cell, ',');
-    if (comma != NULL) {
-        *comma = '.';
+void tl_csv_table_forget_guess(tl_csv_table *table) {
+    if (table->clock.is_guessed) {
+        table->clock = (tl_csv_clock){0};
     }
-    return cell;
 }
 
-static bool read_value(const char *cell, double *value) {
-    if (tl_csv_number_read(cell, value)) {
+/* The first separator counts by which all columns are found. If there is none, the error is that of
+ * the most frequent one. */
+tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, tl_error *error) {
+    size_t most = 0;
+    if (strncmp(line, "\xEF\xBB\xBF", 3) == 0) {
+        line += 3;
+    }
+    tl_status status = check_kind(table, line, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    tl_error chosen = {.status = TL_OK};
+    for (const char *separator = ",;\t"; *separator != '\0'; separator++) {
+        tl_error own = {.status = TL_OK};
+        const size_t count = count_unquoted(line, *separator);
+        status = split_header(table, line, *separator, number, &own);
+        if (status == TL_OK) {
+            return TL_OK;
+        }
+        if (*separator == ',' || count > most || status != TL_BAD_DATA) {
+            most = count;
+            chosen = own;
+        }
+    }
+    *error = chosen;
+    return chosen.status;
+}
+
+/* ---- rows ---- */
+
+static void put(char *place, char character) {
+    if (place != NULL) {
+        *place = character;
+    }
+}
+
+/* Where commas do not separate cells, a comma is a decimal one, unless other values have points:
+ * then it may separate thousands. */
+static bool read_value(tl_csv_table *table, char *cell, double *value) {
+    char *comma = table->separator == ',' ? NULL : strchr(cell, ',');
+    const char mark = comma != NULL ? ',' : strchr(cell, '.') != NULL ? '.' : '\0';
+    const bool is_other = table->separator != ',' && mark != '\0' && table->mark != '\0' && mark != table->mark;
+    put(comma, '.');
+    const bool is_number = !is_other && tl_csv_number_read(cell, value);
+    put(comma, ','); /* the cell may belong to another channel too */
+    if (is_number) {
+        table->mark = mark != '\0' ? mark : table->mark;
         return true;
     }
     *value = strcasecmp(cell, "true") == 0 ? 1 : 0;
     return *value > 0 || strcasecmp(cell, "false") == 0;
+}
+
+static bool read_time(tl_csv_table *table, char *cell, tl_time *time) {
+    char *comma = table->separator == ',' || strpbrk(cell, ".:") != NULL ? NULL : strchr(cell, ',');
+    put(comma, '.');
+    const bool is_read = tl_csv_time_read(&table->clock, cell, time);
+    put(comma, ',');
+    return is_read;
 }
 
 tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_csv_row *row, bool *is_units,
@@ -365,12 +406,12 @@ tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_c
         return tl_fail(error, TL_BAD_DATA, "%s, line %lld: the row has %zu cells (expected %zu, as the header)",
                        table->path, (long long)number, count, table->cell_count);
     }
-    const char *time = with_point(table, table->cells[table->time_cell]);
+    char *time = table->cells[table->time_cell];
     if (!table->has_rows && table->clock.form == TL_CSV_TIME_UNKNOWN && tl_csv_time_read_unit(&table->clock, time)) {
         *is_units = true;
         return TL_OK;
     }
-    if (!tl_csv_time_read(&table->clock, time, &row->time)) {
+    if (!read_time(table, time, &row->time)) {
         return tl_fail(error, TL_BAD_DATA,
                        "%s, line %lld: the time is \"%.40s\" (expected seconds from -4.6e9 to 4.6e9, a Unix time in "
                        "s, ms, us or ns, or a date as 2026-11-30T06:44:34.5Z; in all rows the same)",
@@ -378,8 +419,8 @@ tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_c
     }
     table->has_rows = true;
     for (size_t i = 0; i < table->column_count; i++) {
-        const char *cell = with_point(table, table->cells[table->cell_of[i]]);
-        bool good = read_value(cell, &row->values[i]);
+        char *cell = table->cells[table->cell_of[i]];
+        bool good = read_value(table, cell, &row->values[i]);
         row->present[i] = cell[0] != '\0';
         row->quality[i] = good ? TL_GOOD : TL_NOT_A_NUMBER;
     }

@@ -17,7 +17,7 @@
 /* ---- Columns and one row of a CSV stream.
  *
  * Purpose: shared by the reader, the driver and the table below.
- * Units:   times in ns, converted from the seconds of the time column; values as in the cells.
+ * Units:   times in ns (csv_time.h); values as in the cells.
  * Owner:   the caller owns rows and the texts of the settings.
  */
 
@@ -94,6 +94,7 @@ typedef struct tl_csv_table {
     size_t cell_of[TL_MAX_SIGNALS]; /* index of each channel's cell in a row */
     char **cells;                   /* cells of the current row */
     char separator;                 /* of cells: comma, semicolon or tab */
+    char mark;                      /* decimal comma or point of the values; 0: none yet */
     tl_csv_clock clock;             /* form of the times, since the header */
     bool has_rows;                  /* since the header */
 } tl_csv_table;
@@ -106,6 +107,9 @@ tl_status tl_csv_table_make(tl_csv_table *table, const tl_csv_settings *settings
  * After an error the columns are as before. Errors: TL_BAD_DATA for the errors of a header that
  * tl_csv_open() lists; TL_TRY_AGAIN if memory is out. */
 tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, tl_error *error);
+
+/* Forgets a unit of the times that was guessed: the next row determines it, as after a header. */
+void tl_csv_table_forget_guess(tl_csv_table *table);
 
 /* Converts a line to a row, after a header; modifies `line`. Does not compare the time with earlier
  * rows. *is_units: the line is a second header, with units, and *row is undefined. After an error

@@ -10,9 +10,9 @@
 
 /* ---- numbers ---- */
 
-/* Unix times of the years 2000 to 2099. */
-static const double EPOCH_BEGIN = 946684800;
-static const double EPOCH_END = 4102444800;
+/* Unix times of the years 2015 to 2039. */
+static const double EPOCH_BEGIN = 1420070400;
+static const double EPOCH_END = 2208988800;
 
 static int64_t find_unit(double first) {
     for (int64_t unit = 1000; unit <= 1000000000; unit *= 1000) {
@@ -35,7 +35,9 @@ static bool read_number(tl_csv_clock *clock, double number, tl_time *time) {
         const double rest = number - whole * (double)unit;
         *time = (tl_time)whole * TL_SECOND + tl_time_of_seconds(rest / (double)unit);
     }
-    *clock = (tl_csv_clock){.form = TL_CSV_TIME_NUMBER, .per_second = unit};
+    if (clock->form == TL_CSV_TIME_UNKNOWN) {
+        *clock = (tl_csv_clock){.form = TL_CSV_TIME_NUMBER, .per_second = unit, .is_guessed = unit != 1};
+    }
     return true;
 }
 
@@ -43,9 +45,8 @@ bool tl_csv_time_read_unit(tl_csv_clock *clock, const char *text) {
     static const struct {
         const char *name;
         int64_t per_second;
-    } units[] = {{"s", 1},          {"sec", 1},           {"ms", 1000},
-                 {"us", 1000000},   {"\u00b5s", 1000000}, {"\u03bcs", 1000000},
-                 {"ns", 1000000000}};
+    } units[] = {{"s", 1},        {"sec", 1},           {"seconds", 1},       {"ms", 1000},
+                 {"us", 1000000}, {"\u00b5s", 1000000}, {"\u03bcs", 1000000}, {"ns", 1000000000}};
     const size_t length = strlen(text);
     const bool has_brackets = length > 2 && strchr("[(", text[0]) != NULL && strchr("])", text[length - 1]) != NULL;
     const char *begin = has_brackets ? text + 1 : text;
@@ -116,10 +117,11 @@ static bool take_clock(const char **at, int64_t *seconds, tl_time *fraction) {
     if (!take_digits(at, 2, &hours) || !take_any(at, ":") || !take_digits(at, 2, &minutes)) {
         return false;
     }
-    if (take_any(at, ":") && !take_digits(at, 2, &rest)) {
+    const bool has_seconds = take_any(at, ":");
+    if (has_seconds && !take_digits(at, 2, &rest)) {
         return false;
     }
-    if (take_any(at, ".,")) {
+    if (has_seconds && take_any(at, ".,")) {
         const char *begin = *at;
         for (tl_time digit = TL_SECOND / 10; **at >= '0' && **at <= '9'; digit /= 10, (*at)++) {
             *fraction += digit * (**at - '0');
@@ -128,7 +130,7 @@ static bool take_clock(const char **at, int64_t *seconds, tl_time *fraction) {
             return false;
         }
     }
-    *seconds = 3600 * hours + 60 * minutes + rest;
+    *seconds = INT64_C(60) * (60 * hours + minutes) + rest;
     return hours < 24 && minutes < 60 && rest <= 60; /* 60: a leap second */
 }
 
@@ -144,7 +146,7 @@ static bool take_zone(const char **at, bool *is_named, int64_t *ahead) {
         if (right && (take_any(at, ":") || **at != '\0')) {
             right = take_digits(at, 2, &minutes);
         }
-        *ahead = (is_behind ? -1 : 1) * (3600 * hours + 60 * minutes);
+        *ahead = INT64_C(60) * (60 * hours + minutes) * (is_behind ? -1 : 1);
         return right && hours < 24 && minutes < 60;
     }
     if (strncmp(*at, "UTC", 3) == 0) {

@@ -24,18 +24,20 @@ typedef enum tl_csv_time_form {
 typedef struct tl_csv_clock {
     tl_csv_time_form form;
     int64_t per_second; /* of numbers: 1, 1000, 1000000 or 1000000000 */
+    bool is_guessed;    /* not seconds, and there was no row of units */
 } tl_csv_clock;
 
 /* Reads a time; the first one sets *clock. Numbers are seconds, except if the first one is a Unix
- * time of the years 2000 to 2099 in ms, µs or ns. Dates are ISO 8601 (2026-11-30T06:44:34.5+01:00)
- * or 30.11.2026 06:44:34; a space may stand for the T, a comma for the point; seconds and zone may
- * be missing. *time is in ns since the zero of the numbers, or since 1970. Returns false if the
- * text is no time, has another form than the first one, or is beyond ±4.6e9 s: the distance of two
- * such times fits tl_time. */
+ * time of the years 2015 to 2039 in ms, µs or ns. (Such a number may also count from a start: the
+ * caller checks the distances.) Dates are ISO 8601 (2026-11-30T06:44:34.5+01:00) or 30.11.2026
+ * 06:44:34; a space may stand for the T, a comma for the point; seconds and zone may be missing:
+ * UTC. *time is in ns since the zero of the numbers, or since 1970. Returns false if the text is no
+ * time, has another form than the first one, or is beyond ±4.6e9 s: the distance of two such times
+ * fits tl_time. */
 bool tl_csv_time_read(tl_csv_clock *clock, const char *text, tl_time *time);
 
-/* True if the text is the unit of a time column, as in a second header row: s, ms, us, µs or ns,
- * perhaps in brackets. Sets *clock; allowed before the first time. */
+/* True if the text is the unit of a time column, as in a second header row: s, sec, seconds, ms,
+ * us, µs or ns, perhaps in brackets. Sets *clock; allowed before the first time. */
 bool tl_csv_time_read_unit(tl_csv_clock *clock, const char *text);
 
 #endif

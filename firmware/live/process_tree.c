@@ -35,7 +35,7 @@
 /* ---- data: used by the supervisor's thread, except in put_event() ---- */
 
 /* An explainer that runs longer is killed. */
-static const tl_time EXPLAINER_LIMIT = 6 * 3600 * TL_SECOND;
+static const tl_time EXPLAINER_LIMIT = 21600 * TL_SECOND;
 
 typedef struct tl_process_tree {
     const tl_process_tree_settings *settings;

@@ -13,6 +13,7 @@
 #include "board/csv/csv.h"
 #include "firmware/base/identity.h"
 #include "firmware/base/log.h"
+#include "firmware/base/text.h"
 #include "firmware/config/config.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/plant/plant_input.h"
@@ -30,9 +31,9 @@ struct tl_recording {
     void *sample_memory; /* memory of its sample buffers */
     /* from CSV */
     tl_csv_reader *reader;
-    char form[TL_CSV_FORM]; /* how it is written; "": as usual */
-    tl_time start;          /* time of the first row; of a database: 0, unless by_recording */
-    tl_csv_row row;         /* read, but not posted yet */
+    tl_csv_form form;
+    tl_time start;  /* time of the first row; of a database: 0, unless by_recording */
+    tl_csv_row row; /* read, but not posted yet */
     bool row_waits;
     /* from a database */
     tl_history *history; /* NULL: from CSV */
@@ -423,6 +424,26 @@ static void post_new_readings(tl_recording *recording, const tl_sample *sample) 
     }
 }
 
+/* Copies what the run did at this tick, so that the replay repeats it. */
+static void repeat_step(const tl_recording *recording, const tl_history_tick *read, tl_recording_tick *tick) {
+    const bool repeat = recording->same_configuration && read->has_step;
+    /* After a handover, a run contains steps that it searched itself as a shadow of the run before.
+     * Only the other ones are followed. */
+    tick->followed = recording->beginning.follows && read->sample.tick < recording->beginning.resumption.tick &&
+                     (!read->has_step || read->step.outcome == TL_RESUMED);
+    tick->followed = tick->followed || (recording->config->recording_follow != 0 && repeat);
+    memcpy(tick->u, read->u, sizeof tick->u);
+    tick->caught_up = repeat && read->step.outcome == TL_CAUGHT_UP;
+    tick->resets = repeat && (read->step.flags & TL_FLAG_RESET) != 0;
+    tick->rests = repeat && (read->step.flags & TL_FLAG_RESTS) != 0;
+    tick->ends_released = repeat && (read->step.flags & TL_FLAG_RELEASED_SLOW) != 0;
+    bool without_nominal = (read->step.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
+    tick->cut_short = repeat && (read->step.stop == TL_STOP_TIME || without_nominal);
+    tick->evaluations = tick->cut_short ? (uint32_t)read->step.evaluations : 0;
+    tick->executions = tick->cut_short ? (uint64_t)read->step.executions : 0;
+    tick->without_nominal = tick->cut_short && (without_nominal || read->step.evaluations == 0);
+}
+
 static tl_status next_from_database(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error) {
     tl_history_tick read = {
         .has_step = false}; /* initialise all, because the whole tick is copied to the process with the FMUs */
@@ -438,7 +459,6 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
                        "%s: tick %" PRId64 " is missing in the database: the replay cannot continue", recording->path,
                        recording->next);
     }
-    bool repeat = recording->same_configuration && read.has_step;
     if (read.sample.tick == 0) {
         find_start(recording, &read.sample);
     }
@@ -456,21 +476,7 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
     if (recording->looks_up_again) { /* look up as the configuration requires */
         tl_plant_input_take(&recording->input, read.sample.tick, read.sample.instant, &tick->sample);
     }
-    /* After a handover, a run contains steps that it searched itself as a shadow of the run before.
-     * Only the other ones are followed. */
-    tick->followed = recording->beginning.follows && read.sample.tick < recording->beginning.resumption.tick &&
-                     (!read.has_step || read.step.outcome == TL_RESUMED);
-    tick->followed = tick->followed || (recording->config->recording_follow != 0 && repeat);
-    memcpy(tick->u, read.u, sizeof tick->u);
-    tick->caught_up = repeat && read.step.outcome == TL_CAUGHT_UP;
-    tick->resets = repeat && (read.step.flags & TL_FLAG_RESET) != 0;
-    tick->rests = repeat && (read.step.flags & TL_FLAG_RESTS) != 0;
-    tick->ends_released = repeat && (read.step.flags & TL_FLAG_RELEASED_SLOW) != 0;
-    bool without_nominal = (read.step.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
-    tick->cut_short = repeat && (read.step.stop == TL_STOP_TIME || without_nominal);
-    tick->evaluations = tick->cut_short ? (uint32_t)read.step.evaluations : 0;
-    tick->executions = tick->cut_short ? (uint64_t)read.step.executions : 0;
-    tick->without_nominal = tick->cut_short && (without_nominal || read.step.evaluations == 0);
+    repeat_step(recording, &read, tick);
     return TL_OK;
 }
 
@@ -521,10 +527,12 @@ static tl_status check_gap(const char *path, tl_time step, tl_time first, tl_tim
  *         to an hour and hours up to a day. Fast recordings are usual too. So minutes, hours and
  *         days are recognised only if the rows are just one expected time apart, and the recording
  *         has at most FEWEST_TICKS. Rows of events, as commands are, have irregular distances, and
- *         are not checked; nor is a recording without measurements.
+ *         are not checked; nor is a recording without measurements, or with dates or a stated unit.
+ *         Large numbers taken for Unix times in a smaller unit may also count from a start, so
+ *         SLOWEST_GUESSED holds for them.
  */
 
-enum { GAPS_SEEN = 1000, GAPS_LEAST = 4, SLOWEST = 400, FEWEST_TICKS = 60 };
+enum { GAPS_SEEN = 1000, GAPS_LEAST = 4, SLOWEST = 400, SLOWEST_GUESSED = 60, FEWEST_TICKS = 60 };
 
 static const tl_time MINUTE = 60 * TL_SECOND;
 static const tl_time HOUR = 3600 * TL_SECOND;
@@ -560,9 +568,10 @@ static tl_time expected_gap(const tl_config *config) {
 }
 
 /* Sorts the gaps. `ticks`: of the whole recording. */
-static tl_status check_unit(const char *path, const tl_config *config, tl_time *gaps, size_t count, int64_t ticks,
-                            tl_error *error) {
-    if (count < GAPS_LEAST || config->match_count == 0) {
+static tl_status check_unit(const char *path, const tl_config *config, const tl_csv_clock *clock, tl_time *gaps,
+                            size_t count, int64_t ticks, tl_error *error) {
+    const bool is_stated = clock->form != TL_CSV_TIME_NUMBER || (clock->per_second != 1 && !clock->is_guessed);
+    if (count < GAPS_LEAST || config->match_count == 0 || is_stated) {
         return TL_OK;
     }
     qsort(gaps, count, sizeof gaps[0], compare_times);
@@ -572,6 +581,12 @@ static tl_status check_unit(const char *path, const tl_config *config, tl_time *
     const tl_time gap = gaps[count / 2];
     const tl_time expected = expected_gap(config);
     const double ratio = (double)gap / (double)expected;
+    if (clock->is_guessed && ratio > SLOWEST_GUESSED) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: as Unix times, with %lld in a second, its rows are %.6g s apart, and %.6g s are expected: "
+                       "add a row with the unit of the time (s, ms, us or ns) below the header",
+                       path, (long long)clock->per_second, tl_seconds(gap), tl_seconds(expected));
+    }
     const bool is_of_clock = (gap % MINUTE == 0 && gap <= HOUR) || (gap % HOUR == 0 && gap <= 24 * HOUR);
     for (size_t i = 0; i < sizeof time_units / sizeof time_units[0]; i++) {
         const time_unit *unit = &time_units[i];
@@ -609,7 +624,7 @@ static tl_status check_rows(tl_recording *recording, const char *path, tl_error 
         }
     }
     if (status == TL_OK) {
-        tl_csv_describe(reader, recording->form);
+        recording->form = tl_csv_get_form(reader);
     }
     tl_csv_close(reader);
     if (status == TL_OK && rows == 0) {
@@ -617,7 +632,8 @@ static tl_status check_rows(tl_recording *recording, const char *path, tl_error 
     }
     recording->ticks = status == TL_OK ? (last - recording->start + TL_PLANT_ALIKE) / config->step + 1 : 0;
     rows = rows <= GAPS_SEEN ? rows : GAPS_SEEN + 1;
-    return status == TL_OK ? check_unit(path, config, gaps, rows - 1, recording->ticks, error) : status;
+    return status == TL_OK ? check_unit(path, config, &recording->form.clock, gaps, rows - 1, recording->ticks, error)
+                           : status;
 }
 
 static void post_row(tl_recording *recording) {
@@ -709,8 +725,18 @@ tl_status tl_recording_open(const char *path, const tl_config *config, tl_record
 }
 
 void tl_recording_log_form(const tl_recording *recording) {
-    if (recording->form[0] != '\0') {
-        tl_log(TL_LOG_NOTICE, "%s: read with %s", recording->path, recording->form);
+    const tl_csv_form *form = &recording->form;
+    char begin[TL_UTC_TEXT] = "";
+    if (form->clock.is_guessed || form->clock.form == TL_CSV_TIME_ZONELESS) {
+        tl_utc_text(recording->start / 1000000, begin);
+    }
+    if (form->text[0] != '\0') {
+        tl_log(TL_LOG_NOTICE, "%s: read with %s%s%s", recording->path, form->text, begin[0] != '\0' ? " from " : "",
+               begin);
+    }
+    if (form->merged != 0) {
+        tl_log(TL_LOG_NOTICE, "%s: %lld rows have the time of the row before; the later row counts", recording->path,
+               (long long)form->merged);
     }
 }
 

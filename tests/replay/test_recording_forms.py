@@ -91,10 +91,24 @@ def test_local_times_go_back():
     expect_refused(path, "before")
 
 
+def test_nanoseconds_since_a_start_are_no_unix_times():
+    """As microseconds since 1970, such a number is a date of 2016."""
+    path = scratch() / "own.csv"
+    rows = [COLUMNS, *[[str(1_452_000_000_000_000 + i * 30_000_000), *row[1:]] for i, row in enumerate(ROWS)]]
+    path.write_text(lines(rows), encoding="utf-8")
+    expect_refused(path, "30 s|row|ms")
+
+
+def test_a_clock_of_whole_seconds():
+    path = scratch() / "own.csv"
+    path.write_text(lines([COLUMNS, *[[str(int(Decimal(t))), *rest] for t, *rest in ROWS]]), encoding="utf-8")
+    expect_refused(path, "line 6|0.000000000 s|fractions")
+
+
 def test_compressed():
     path = scratch() / "own.csv.gz"
     path.write_bytes(gzip.compress(lines([COLUMNS, *ROWS]).encode()))
-    expect_refused(path, "gzip -dk")
+    expect_refused(path, "gzip -dc")
 
 
 main()

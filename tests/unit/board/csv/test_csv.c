@@ -264,14 +264,12 @@ static void test_a_column_twice(void) {
 }
 
 static void expect_form(const char *form) {
-    char text[TL_CSV_FORM];
-    tl_csv_describe(reader, text);
-    TEST_ASSERT_EQUAL_STRING(form, text);
+    TEST_ASSERT_EQUAL_STRING(form, tl_csv_get_form(reader).text);
 }
 
 static void test_semicolons_and_decimal_commas(void) {
-    expect_open("time;u;v\n0;1,5;2.5\n0,5;-1,25e3;\"0,5\"\n1;1,2,3;1.000,5\n");
-    expect_row(0, 1.5, 2.5);
+    expect_open("time;u;v\n0;1,5;2\n0,5;-1,25e3;\"0,5\"\n1;1,2,3;1.000,5\n");
+    expect_row(0, 1.5, 2);
     expect_row(TL_SECOND / 2, -1250, 0.5);
     expect_form("semicolons");
     next();
@@ -279,12 +277,38 @@ static void test_semicolons_and_decimal_commas(void) {
     TEST_ASSERT_EQUAL_INT(TL_NOT_A_NUMBER, row.quality[1]);
 }
 
+/* 1.000 may be a thousand where another value has a decimal comma, and the reverse. */
+static void test_one_decimal_mark_in_a_file(void) {
+    expect_open("time;u;v\n0.5;1,5;1.000\n");
+    next();
+    TEST_ASSERT_EQUAL_DOUBLE(1.5, row.values[0]);
+    TEST_ASSERT_EQUAL_INT(TL_NOT_A_NUMBER, row.quality[1]);
+    expect_open("time\tu\tv\n0\t1.5\t1,234\n1\t2\t2.5\n");
+    next();
+    TEST_ASSERT_EQUAL_INT(TL_NOT_A_NUMBER, row.quality[1]);
+    expect_row(TL_SECOND, 2, 2.5);
+}
+
+static void test_one_column_for_two_channels_with_decimal_commas(void) {
+    static const char *const UU[] = {"u", "u"};
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = UU, .column_count = 2};
+    const char text[] = "time;u\n0;1,5\n";
+    put(text, sizeof text - 1);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open(&settings, &reader, &error));
+    expect_row(0, 1.5, 1.5);
+}
+
 static void test_separators_in_names(void) {
-    expect_open("time;u;flow, l/min;v\n0;1;7;2\n");
+    expect_open("time;u, m;flow, l/min, x;u;v\n0;1;7;1;2\n");
+    expect_row(0, 1, 2);
+    expect_open("time,u,v,a;b;c;d;e\n0,1,2,3\n");
+    expect_row(0, 1, 2);
+    expect_open("time,\t\tu,\t\tv\n0,\t1,\t2\n");
     expect_row(0, 1, 2);
     expect_open("time,u,v,\"a;b;c;d;e\"\n0,1,2,3\n");
     expect_row(0, 1, 2);
     expect_form("");
+    expect_bad_open("time;u;w\n", "line 1|\"v\"|time, u, w");
 }
 
 static void test_tabs(void) {
@@ -331,13 +355,19 @@ static void test_two_rows_with_one_time(void) {
     expect_open("time,u,v\n0,1,1\n0,2,2\n0,3\n");
     expect_row(0, 2, 2);
     expect_bad_row("line 4|2|3");
+    expect_open("time,u,v\n0,1,1\n0,2,2\n0,3,3\n0,4,4\n1,5,5\n1,6,6\n1,7,7\n1,8,8\n1,9,9\n");
+    expect_row(0, 4, 4);
+    TEST_ASSERT_EQUAL_INT64(3, tl_csv_get_form(reader).merged);
+    expect_bad_row("line 10|1.000000000 s|4 rows");
 }
 
 static void test_files_that_are_no_text(void) {
-    expect_bad_open("\x1F\x8B\x08junk", "gzip -dk");
+    expect_bad_open("\x1F\x8B\x08junk", "gzip -dc");
     expect_bad_open("\xFD"
                     "7zXZ",
-                    "xz -dk");
+                    "xz -dc");
+    expect_bad_open("BZh91AY", "bzip2 -dc");
+    expect_bad_open("\x28\xB5\x2F\xFDx", "zstd -dc");
     expect_bad_open("PK\x03\x04junk", "CSV");
     expect_bad_open("\xFF\xFEt", "iconv");
     expect_bad_open("\xFE\xFF", "iconv");
@@ -478,6 +508,8 @@ int main(void) {
     RUN_TEST(test_a_missing_column_among_very_many);
     RUN_TEST(test_a_column_twice);
     RUN_TEST(test_semicolons_and_decimal_commas);
+    RUN_TEST(test_one_decimal_mark_in_a_file);
+    RUN_TEST(test_one_column_for_two_channels_with_decimal_commas);
     RUN_TEST(test_separators_in_names);
     RUN_TEST(test_tabs);
     RUN_TEST(test_truth_values);
