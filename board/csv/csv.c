@@ -10,18 +10,18 @@
 
 #include "board/csv/csv_table.h"
 
-/* Rows with one time. A simulation writes two to four at an event; more are a clock that is too
- * coarse, and only one of its rows would count. */
+/* Most rows with one time. A simulation writes two to four at an event. More come from a clock that
+ * is too coarse, and only one of them would count. */
 enum { MOST_SAME = 4 };
 
 struct tl_csv_reader {
     int file;
-    bool at_end;  /* of the bytes */
-    bool any;     /* there was a row */
-    tl_time time; /* of the last row that was read */
-    bool is_file; /* no FIFO: the next row can be awaited */
-    /* the result of reading the row after the last one */
+    bool at_end;    /* of the bytes */
+    bool any;       /* there was a row */
+    tl_time time;   /* of the last row that was read */
+    bool is_file;   /* no FIFO: the next row can be awaited */
     int64_t merged; /* rows with the time of the row before */
+    /* the result of reading the row after the returned one */
     bool has_next;
     tl_csv_row next;
     bool next_end;

@@ -4,11 +4,12 @@
  *          plays a file in real time, or reads a file or FIFO while another program writes it
  *          (thesis 5.4.2). It converts row times to stamps of CLOCK_MONOTONIC.
  * Format:  see docs/reference/files.md, "Recordings": a header row; commas, semicolons or tabs
- *          separate the cells, whichever are most frequent in it. A row of units may follow. One
- *          column is the time (csv_time.h). An empty cell means "no new value". Cells may be quoted
- *          and have spaces around them; lines end with LF or CRLF. A UTF-8 byte order mark, blank
- *          lines and other columns are ignored. Numbers are decimal, with a point, or with a comma
- *          if commas do not separate cells; TRUE and FALSE are 1 and 0.
+ *          separate the cells: the first of these by which all columns are found. A row of units
+ *          may follow. One column is the time (csv_time.h). An empty cell means "no new value".
+ *          Cells may be quoted and have spaces around them; lines end with LF or CRLF. A UTF-8 byte
+ *          order mark, blank lines and other columns are ignored. Numbers are decimal, with a
+ *          point, or with a comma if commas do not separate cells; a file has one of them. TRUE and
+ *          FALSE are 1 and 0.
  * Thread:  one per reader; for the driver see plant_io.h.
  */
 #ifndef TL_BOARD_CSV_CSV_H
