@@ -134,7 +134,7 @@ def test_wrong_options_and_recordings():
     empty.write_text("t,omega,M_brake\n" + "".join(f"{i / 30:.3f},,0\n" for i in range(500)), encoding="utf-8")
     refused(BAD_DATA, "empty.csv|plant.omega|0|72", "--recording", empty)
     broken = folder / "broken.csv"
-    broken.write_text("t,omega,M_brake\n0,1,2\n0,1,2\n", encoding="utf-8")
+    broken.write_text("t,omega,M_brake\n1,1,2\n0,1,2\n", encoding="utf-8")
     refused(BAD_DATA, "broken.csv|line 3|0.000000000 s", "--recording", broken)
 
 

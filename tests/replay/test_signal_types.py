@@ -119,7 +119,7 @@ def test_bad_values():
     wanted = read_table(csv_file(config))
     lines = path.read_text().splitlines()
     expect(lines[36] == f"{35 * STEP_S:.2f},1,1,{messages(35)}", lines[36])
-    for cells in ("2,0.5,0.5", "-1,1.5,1e10", "x,true,nan"):
+    for cells in ("2,0.5,0.5", "-1,1.5,1e10", "x,truth,nan"):
         path.write_text("\n".join([*lines[:36], f"{35 * STEP_S:.2f},{cells}", *lines[37:]]) + "\n")
         database = scratch() / "run.db"
         found = read_table(csv_file(config, "--db", database))

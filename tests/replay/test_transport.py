@@ -159,7 +159,7 @@ def test_inputs_that_are_no_booleans():
     """The last good values are used, and the summary counts the bad ones."""
     words = scratch() / "words.csv"
     rows = (FOLDER / "slow_recording.csv").read_text().splitlines()
-    words.write_text("\n".join(line[:-1] + "true" if line.endswith("1") else line for line in rows) + "\n")
+    words.write_text("\n".join(line[:-1] + "on" if line.endswith("1") else line for line in rows) + "\n")
     config = FOLDER / "slow.json"
     told = run_well(["replay", config, "--recording", words], wells=(0, NOT_LOCKED))
     expect_line(told, "plant.enabled2|102 of 163 samples")
