@@ -134,9 +134,12 @@ def test_signals_leave_nothing_behind():
     for number, code in ((signal.SIGTERM, 143), (signal.SIGKILL, -9)):
         process = subprocess.Popen([SOURCE / "script" / "rig", "--", "sleep", "1000"], stderr=subprocess.DEVNULL,
                                    env={**os.environ, "TMPDIR": str(twinlock_test.scratch())})
-        emulator = Path("/proc") / emulator_of(process)
-        process.send_signal(number)
-        expect(process.wait(HUNG_S) == code, f"ended with {process.returncode}, not with {code}")
+        try:
+            emulator = Path("/proc") / emulator_of(process)
+            process.send_signal(number)
+            expect(process.wait(HUNG_S) == code, f"ended with {process.returncode}, not with {code}")
+        finally:
+            process.kill()
         deadline = time.monotonic() + 5
         while emulator.exists() and time.monotonic() < deadline:
             time.sleep(0.05)

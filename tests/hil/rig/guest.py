@@ -9,6 +9,7 @@ import json
 import os
 import re
 import shlex
+import signal
 import socket
 import subprocess
 import sys
@@ -201,15 +202,18 @@ class Guest:
         outcome, begun = Outcome(), time.monotonic()
         pumps, events = [Pump(stdout), Pump(stderr)], Events()
         handed = [pumps[0].sink, pumps[1].sink, events.its.detach()]
+        # A signal that ends this program before `try` would leave QEMU, for which the program would wait.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
         with open(work / "emulator", "wb") as log, subprocess.Popen(
                 [str(word) for word in self.arguments(work, *handed)], env=emulator_environment(), pass_fds=handed,
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log) as emulator:
-            for end in handed:
-                os.close(end)
-            self.emulator = emulator
-            for thread in (*pumps, events):
-                thread.start()
             try:
+                signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+                for end in handed:
+                    os.close(end)
+                self.emulator = emulator
+                for thread in (*pumps, events):
+                    thread.start()
                 emulator.wait(self.timeout)
             except subprocess.TimeoutExpired:
                 outcome.timed_out = True
