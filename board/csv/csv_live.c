@@ -390,7 +390,6 @@ static void read_file(tl_plant_io *io, const tl_plant_io_sink *sink) {
 static void lose_writer(tl_plant_io *io, const tl_plant_io_sink *sink) {
     bool had_one = tl_link_is_up(&io->state);
     tl_csv_lines_drop(&io->lines);
-    tl_csv_table_forget_guess(&io->table);
     io->anchor.set = false;
     io->has_held = false;
     set_link(io, sink, false,

@@ -327,12 +327,6 @@ static tl_status split_header(tl_csv_table *table, const char *header, char sepa
     return TL_OK;
 }
 
-void tl_csv_table_forget_guess(tl_csv_table *table) {
-    if (table->clock.is_guessed) {
-        table->clock = (tl_csv_clock){0};
-    }
-}
-
 /* The first separator counts by which all columns are found. If there is none, the error is that of
  * the most frequent one. */
 tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, tl_error *error) {

@@ -108,9 +108,6 @@ tl_status tl_csv_table_make(tl_csv_table *table, const tl_csv_settings *settings
  * tl_csv_open() lists; TL_TRY_AGAIN if memory is out. */
 tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, tl_error *error);
 
-/* Forgets a unit of the times that was guessed: the next row determines it, as after a header. */
-void tl_csv_table_forget_guess(tl_csv_table *table);
-
 /* Converts a line to a row, after a header; modifies `line`. Does not compare the time with earlier
  * rows. *is_units: the line is a second header, with units, and *row is undefined. After an error
  * (TL_BAD_DATA) both are undefined. */

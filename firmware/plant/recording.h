@@ -106,7 +106,7 @@ typedef struct tl_recording tl_recording;
 tl_status tl_recording_open(const char *path, const tl_config *config, tl_recording **recording, tl_error *error);
 
 /* Logs how a CSV file is read if its cells are not separated by commas or its times are no seconds,
- * because both are recognised, not configured. */
+ * because both are recognised, not configured; and how many rows had the time of the row before. */
 void tl_recording_log_form(const tl_recording *recording);
 
 /* Returns the start of the replay; NULL: at tick 0 with start values. */

@@ -160,6 +160,17 @@ static void test_a_file_is_played_in_its_own_time(void) {
     TEST_ASSERT_EQUAL_size_t(1, probe.links);
 }
 
+/* The message tells what was recognised, because it was not configured. */
+static void test_a_file_in_another_form(void) {
+    put_file("time;u;v\n[ms];m;m\n10;1,5;TRUE\n40;3;4\n");
+    tl_probe_poll(&probe);
+    expect_link(1, true, "open|semicolons|ms");
+    poll_until(2);
+    TEST_ASSERT_EQUAL_INT64(history[0][0].stamp + 30000000, history[0][1].stamp);
+    TEST_ASSERT_EQUAL_DOUBLE(1.5, history[0][0].value);
+    tl_probe_expect(&probe, 1, 4, TL_GOOD);
+}
+
 static void test_a_cell_that_is_no_number(void) {
     put_file("time,u,v\n0,nan,1\n");
     tl_probe_poll(&probe);
@@ -695,6 +706,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_a_path_that_comes_later);
     RUN_TEST(test_a_file_is_played_in_its_own_time);
+    RUN_TEST(test_a_file_in_another_form);
     RUN_TEST(test_a_cell_that_is_no_number);
     RUN_TEST(test_a_file_without_rows_waits);
     RUN_TEST(test_a_file_without_a_column);
