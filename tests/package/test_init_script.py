@@ -75,6 +75,11 @@ class Box:
         return int(self.pidfile.read_text())
 
 
+def shown(box):
+    return subprocess.run([PROGRAM, "show", box.folder / "twin.db"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                          check=False, text=True)
+
+
 def is_gone(pid):
     """True also for a zombie."""
     try:
@@ -113,13 +118,14 @@ def test_a_day(shell):
         expect(is_gone(first) and box.pid() != first, "not restarted")
         second = box.pid()
         wait_until((box.folder / "states.json").exists, "states.json", box.said)
+        wait_until(lambda: shown(box).returncode == 0, "a recorded run", box.said)
         expect("stopped" in box.call("stop") and is_gone(second) and not box.pidfile.exists(), "not stopped")
         expect_no_line(box.call("stop"), "stopped")
         box.call("status", 3)
         left = sorted(path.name for path in box.folder.iterdir() if not path.name.startswith("twin.db"))
         expect(left == ["log", "run", "settings", "states.json", "supervisor.json", "versions"], f"left: {left}")
-        reasons = subprocess.run([PROGRAM, "show", box.folder / "twin.db"], stdout=subprocess.PIPE, check=True, text=True)
-        expect("SIGTERM" in reasons.stdout, reasons.stdout)
+        reasons = shown(box).stdout
+        expect("SIGTERM" in reasons, reasons)
 
 
 @with_each_shell
