@@ -5,6 +5,9 @@
  *          fails. If it loads, but the FMU then computes other values, no later check detects that.
  *          So a worker (worker.h) tests the FMUs while io reads the plant. The output of the worker
  *          is not logged, because the run reports other errors of the FMUs.
+ * Later:   while a twin loads a state, and until it is trusted, `loads` of its status block is 1
+ *          (live_blocks.h). If the twin ends meanwhile, the next one loads no checkpoint. Unless
+ *          another program ended it, states of these FMUs are not saved or loaded from then on.
  * Memory:  the result is saved to FOLDER/states.json. The result has a key, computed from the
  *          content of the FMU files, their rollback methods, the step and the version of this
  *          program. A test loads the FMUs in two processes; it is repeated only if the key has

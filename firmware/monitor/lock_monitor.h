@@ -119,10 +119,11 @@ typedef struct tl_release_check {
  *             released twins is `corrected` less often than its replay.
  * Window:     a single step proves nothing: a lost twin can be within tolerance at every second
  *             step. So the state depends on shares of the steps in a window, and on the size of the
- *             error. The window has ten parts. A part is 0.1 s long, or two steps if these are
- *             longer. The state is updated at the end of each part. With an event horizon, strokes
- *             (event_horizon.h) whose search has ended count instead of steps. A part is then one
- *             stroke, and three strokes give the first state.
+ *             error. Committed steps count, not J: with a long horizon a twin may be within
+ *             tolerance all day and never have J < 1. The window has ten parts. A part is 0.1 s
+ *             long, or two steps if these are longer. The state is updated at the end of each part.
+ *             With an event horizon, strokes (event_horizon.h) whose search has ended count instead
+ *             of steps. A part is then one stroke, and three strokes give the first state.
  * Runaway:    a step whose error is at least 1e9 tolerances, or whose search has a J that is not
  *             finite. One such step in the window makes the state `lost`. An output that is not
  *             finite is not compared.

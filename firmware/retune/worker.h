@@ -77,7 +77,7 @@ enum { TL_VERDICT_PROBLEMS = 32, TL_VERDICT_CHANGES = 32, TL_VERDICT_WIDENED = 1
 
 /* Widening by a larger factor needs the right to commission. Factor: largest error of an output
  * that is still in lock with the candidate, divided by that with the newest commissioned version.
- */
+ * Compared with the version before, a user could widen it step by step without limit. */
 enum { TL_VERDICT_WIDEST = 3 };
 
 /* Result of a validator. */

@@ -1,6 +1,9 @@
 /* Our own solver: damped least squares on the residual vector, with a secant slope that is kept
  * between steps.
  *
+ * Purpose: from one step to the next, plant and slope change little. So the first guess is mostly
+ *          committed, and the executions per step and FMU approach one. NLopt's solvers start each
+ *          step without memory.
  * Method:  the slope G = ∂residuals/∂u is measured once, with one evaluation per unknown. Then
  *          Broyden's rank-one update follows each evaluation. A move Δ minimises |r + GΔ|² +
  *          damping·|Δ/step|² within the bounds; for one unknown and one residual that is the secant

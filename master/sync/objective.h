@@ -10,6 +10,8 @@
  *          the measurements of a dynamic horizon depend only on the sum of several unknowns, which
  *          may oscillate against each other. An unseen unknown is damped by the residual
  *          √TL_UNSEEN_RATE·(u − u of the step before)/step, unless its rate penalty is larger.
+ *          Motor bench, messages every 25 to 40 ms, T_P of 4 to 6: without damping the true MSE is
+ *          up to 93 (rad/s)² while the twin reports 0.05; with it, at most 0.44.
  * NaN:     an output that is not finite makes J of its candidate NaN. If u is not the cause,
  *          tl_objective_leave_out() gives this output weight 0 in this step, as for a ŷ that is not
  *          good.

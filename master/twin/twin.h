@@ -155,9 +155,9 @@ tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u
  * FMUs restart with their start values at the step's instant, with the plant's sample and nominal
  * u. The solver starts without learned data, and the last Δu is dropped. With an event horizon, the
  * stroke (motion up to the event) or search in progress is abandoned (TL_FLAG_ABANDONED). Samples,
- * filters, the measured delay, metrics, ledger and step numbers continue. The step's record has
- * TL_FLAG_RESET. If no step is due at the next tick, the FMUs still have their start values: then
- * nothing happens.
+ * filters, the measured delay, metrics, ledger and step numbers continue. Otherwise the twin
+ * computes the same bits as one that starts there. The step's record has TL_FLAG_RESET. If no step
+ * is due at the next tick, the FMUs still have their start values: then nothing happens.
  * Calls:  fmi2Reset of each FMU, and its initialisation. If an FMU rejects fmi2Reset, its states
  *         are freed, and it is instantiated again. If the initialisation then fails, all FMUs are
  *         instantiated again. No budget applies to this tick.

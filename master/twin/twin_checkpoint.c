@@ -2,7 +2,7 @@
  *
  * Format: a head that identifies the twin, our data, then the FMUs' states and all port values
  *         (snapshot.h). Caches and the solver's memory are not included: caches start at the root,
- *         and the solver costs one search.
+ *         and the solver costs one search. So the format depends on no solver.
  * Trust:  none in the bytes: loaded values are checked before use. Only an FMU can check its own
  *         state.
  */
