@@ -5,6 +5,7 @@
 #include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -57,20 +58,22 @@ static tl_status next_line(tl_csv_reader *reader, char **line, tl_error *error) 
     }
 }
 
-static tl_status read_header(tl_csv_reader *reader, tl_error *error) {
-    char *line = NULL;
-    tl_status status = next_line(reader, &line, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    if (line == NULL) {
+static tl_status next_header(tl_csv_reader *reader, char **line, tl_error *error) {
+    tl_status status = next_line(reader, line, error);
+    if (status == TL_OK && *line == NULL) {
         return tl_fail(error, TL_BAD_DATA, "%s: the file is empty (expected a header with the names of its columns)",
                        reader->table.path);
     }
-    return tl_csv_table_header(&reader->table, line, reader->lines.number, error);
+    return status;
 }
 
-tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, tl_error *error) {
+static tl_status read_header(tl_csv_reader *reader, tl_error *error) {
+    char *line = NULL;
+    tl_status status = next_header(reader, &line, error);
+    return status == TL_OK ? tl_csv_table_header(&reader->table, line, reader->lines.number, error) : status;
+}
+
+static tl_status open_file(const tl_csv_settings *settings, tl_csv_reader **reader, tl_error *error) {
     tl_csv_reader *made = calloc(1, sizeof *made);
     if (made == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", settings->path);
@@ -91,8 +94,19 @@ tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, t
     } else {
         struct stat about;
         made->is_file = fstat(made->file, &about) == 0 && S_ISREG(about.st_mode) != 0;
-        status = read_header(made, error);
     }
+    if (status != TL_OK) {
+        tl_csv_close(made);
+        return status;
+    }
+    *reader = made;
+    return TL_OK;
+}
+
+tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, tl_error *error) {
+    tl_csv_reader *made = NULL;
+    tl_status status = open_file(settings, &made, error);
+    status = status == TL_OK ? read_header(made, error) : status;
     if (status != TL_OK) {
         tl_csv_close(made);
         return status;
@@ -188,4 +202,67 @@ void tl_csv_close(tl_csv_reader *reader) {
     }
     tl_csv_table_release(&reader->table);
     free(reader);
+}
+
+/* ---- the columns of a file ---- */
+
+/* Keeps a copy of the line, and splits it. */
+static tl_status split_line(tl_csv_reader *reader, const char *line, char **copy, char **cells, size_t *count,
+                            tl_error *error) {
+    *copy = strdup(line);
+    return *copy != NULL
+               ? tl_csv_table_split(&reader->table, *copy, reader->lines.number, cells, TL_CSV_COLUMNS, count, error)
+               : tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", reader->table.path);
+}
+
+static size_t find_time(const tl_csv_columns *columns) {
+    static const char *const names[] = {"time", "t", "timestamp", "datetime", "date", "time_s", "zeit", "seconds"};
+    for (size_t k = 0; k < sizeof names / sizeof names[0]; k++) {
+        for (size_t i = 0; i < columns->count; i++) {
+            if (strcasecmp(columns->names[i], names[k]) == 0) {
+                return i;
+            }
+        }
+    }
+    return 0;
+}
+
+static tl_status read_columns(tl_csv_reader *reader, tl_csv_columns *columns, tl_error *error) {
+    static char none[] = "";
+    char *line = NULL;
+    tl_csv_clock clock = {0};
+    size_t count = 0;
+    tl_status status = next_header(reader, &line, error);
+    status = status == TL_OK ? split_line(reader, line, &columns->lines[0], columns->names, &count, error) : status;
+    if (status != TL_OK) {
+        return status;
+    }
+    columns->count = count < TL_CSV_COLUMNS ? count : TL_CSV_COLUMNS;
+    columns->time = find_time(columns);
+    status = next_line(reader, &line, error);
+    size_t units = 0;
+    if (status == TL_OK && line != NULL) {
+        status = split_line(reader, line, &columns->lines[1], columns->units, &units, error);
+    }
+    if (status == TL_OK && (units != count || !tl_csv_time_read_unit(&clock, columns->units[columns->time]))) {
+        for (size_t i = 0; i < columns->count; i++) {
+            columns->units[i] = none;
+        }
+    }
+    return status;
+}
+
+tl_status tl_csv_columns_read(const char *path, tl_csv_columns *columns, tl_error *error) {
+    const tl_csv_settings settings = {.path = path, .time_column = ""};
+    tl_csv_reader *reader = NULL;
+    *columns = (tl_csv_columns){.count = 0};
+    tl_status status = open_file(&settings, &reader, error);
+    status = status == TL_OK ? read_columns(reader, columns, error) : status;
+    tl_csv_close(reader);
+    return status;
+}
+
+void tl_csv_columns_release(tl_csv_columns *columns) {
+    free(columns->lines[0]);
+    free(columns->lines[1]);
 }

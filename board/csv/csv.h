@@ -50,6 +50,25 @@ tl_csv_form tl_csv_get_form(const tl_csv_reader *reader);
 /* Closes the file and frees the reader. NULL is allowed. */
 void tl_csv_close(tl_csv_reader *reader);
 
+/* ---- the columns of a file ---- */
+
+enum { TL_CSV_COLUMNS = 256 }; /* further ones are ignored */
+
+/* Names and units of the columns; the texts belong to the struct. */
+typedef struct tl_csv_columns {
+    char *names[TL_CSV_COLUMNS];
+    char *units[TL_CSV_COLUMNS]; /* of a row of units; "": none */
+    size_t count;
+    size_t time; /* index of the time column: one whose name says so, else the first one */
+    char *lines[2];
+} tl_csv_columns;
+
+/* Reads the header of a file, and the row of units if one follows. The caller releases the columns,
+ * also after an error. Errors: those of tl_csv_open(). */
+tl_status tl_csv_columns_read(const char *path, tl_csv_columns *columns, tl_error *error);
+
+void tl_csv_columns_release(tl_csv_columns *columns);
+
 /* ---- the driver ---- */
 
 extern const tl_plant_io_driver tl_csv_driver;

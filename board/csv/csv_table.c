@@ -327,19 +327,23 @@ static tl_status split_header(tl_csv_table *table, const char *header, char sepa
     return TL_OK;
 }
 
+static const char SEPARATORS[] = ",;\t";
+
+static char *skip_mark(char *line) {
+    return strncmp(line, "\xEF\xBB\xBF", 3) == 0 ? line + 3 : line;
+}
+
 /* The first separator counts by which all columns are found. If there is none, the error is that of
  * the most frequent one. */
 tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, tl_error *error) {
     size_t most = 0;
-    if (strncmp(line, "\xEF\xBB\xBF", 3) == 0) {
-        line += 3;
-    }
+    line = skip_mark(line);
     tl_status status = check_kind(table, line, error);
     if (status != TL_OK) {
         return status;
     }
     tl_error chosen = {.status = TL_OK};
-    for (const char *separator = ",;\t"; *separator != '\0'; separator++) {
+    for (const char *separator = SEPARATORS; *separator != '\0'; separator++) {
         tl_error own = {.status = TL_OK};
         const size_t count = count_unquoted(line, *separator);
         status = split_header(table, line, *separator, number, &own);
@@ -353,6 +357,22 @@ tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, t
     }
     *error = chosen;
     return chosen.status;
+}
+
+tl_status tl_csv_table_split(const tl_csv_table *table, char *line, int64_t number, char **cells, size_t room,
+                             size_t *count, tl_error *error) {
+    char separator = SEPARATORS[0];
+    line = skip_mark(line);
+    tl_status status = check_kind(table, line, error);
+    for (const char *other = SEPARATORS; *other != '\0'; other++) {
+        separator = count_unquoted(line, *other) > count_unquoted(line, separator) ? *other : separator;
+    }
+    *count = status == TL_OK ? cut_line(line, separator, cells, room) : 0;
+    if (status == TL_OK && *count == 0) {
+        status = tl_fail(error, TL_BAD_DATA, "%s, line %lld: a quote is not closed, or text follows it", table->path,
+                         (long long)number);
+    }
+    return status;
 }
 
 /* ---- rows ---- */

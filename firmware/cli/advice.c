@@ -582,6 +582,15 @@ static void check_saved_states(warnings *list, const tl_config *config, const tl
     }
 }
 
+static void check_filled_in(warnings *list, const tl_config *config) {
+    for (size_t i = 0; i < config->fill_in_count; i++) {
+        warn(list, "fill_in", "%.200s: %.300s", config->fill_in[i].where, config->fill_in[i].name);
+    }
+    if (config->fill_in_count != 0) {
+        warn(list, "fill_in", "remove each entry when it is done; `run` waits for that");
+    }
+}
+
 /* Inputs get it until the first good value. */
 static void check_initial(warnings *list, const tl_assembly *assembly) {
     for (size_t i = 0; i < assembly->config.signal_count; i++) {
@@ -621,6 +630,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
         check_free_twin(&list, config, assembly->twin);
     }
     check_initial(&list, assembly);
+    check_filled_in(&list, config);
     check_between(&list, config);
     check_every(&list, config);
     check_delays(&list, config);

@@ -726,6 +726,16 @@ static void report_failure(const tl_assembly *assembly, const tl_prognosis *prog
                     : "if it has a stop time, export it without one");
 }
 
+static void print_reactions(const tl_assembly *assembly, const tl_response *responses, FILE *output) {
+    for (size_t i = 0; i < assembly->config.adjust_count; i++) {
+        const tl_response *response = &responses[i];
+        if (response->is_known) {
+            (void)fprintf(output, "%zu %zu %.17g %.17g\n", i, response->match, response->most,
+                          tl_seconds(response->half));
+        }
+    }
+}
+
 static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, const tl_read_back_host *host,
                             FILE *output, tl_twin_check *found) {
     const tl_config *config = &assembly->config;
@@ -743,6 +753,10 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     tl_time longest = job->brief ? 0 : TL_RESPONSE_LONGEST;
     tl_status status = tl_response_measure(assembly, prognosis.step_time, longest, responses, &prognosis.error);
     bool is_usable = status == TL_OK; /* else the twin cannot be tested any more */
+    if (job->reactions) {
+        print_reactions(assembly, responses, output);
+        return TL_OK;
+    }
     if (!is_usable) {
         tl_log(TL_LOG_WARNING, "%s: %.300s, with one step of an adjusted variable: a search would end the run",
                config->path, prognosis.error.text);

@@ -9,7 +9,10 @@
 
 #include "firmware/twin/twin_role.h"
 
-/* Prints the page that the job requests, and sets *found to its results, for example the number of
+/* For job->reactions: prints one line for each adjusted variable whose response is known, with its
+ * index and the fields `match`, `most` and `half` (in s) of tl_response.
+ *
+ * Else prints the page that the job requests, and sets *found to its results, for example the number of
  * warnings. If job->states_only, only tests whether another process can use the FMUs' states, and
  * sets found->why. `status`: result of building the assembly. If `status` is not TL_OK, logs the
  * number of problems (if above 1), prints at most the list of variables, and returns `status`.

@@ -17,6 +17,7 @@
 
 static const double MOST_SECONDS = 1e9;
 static const double MOST_WHOLE_SECONDS = 3600;
+static const double LEAST_STEP_SECONDS = 1e-5;
 static const double MOST_PERCENT = 100;
 enum { LEAST_MEBIBYTES = 64, MOST_MEBIBYTES = 1 << 20 };
 
@@ -38,6 +39,11 @@ static bool read_double(const char *text, double *number) {
 static bool read_seconds(const char *text, void *target) {
     double *seconds = target;
     return read_double(text, seconds) && *seconds > 0.0 && *seconds < MOST_SECONDS;
+}
+
+static bool read_step(const char *text, void *target) {
+    double *seconds = target;
+    return read_double(text, seconds) && *seconds >= LEAST_STEP_SECONDS && *seconds <= MOST_WHOLE_SECONDS;
 }
 
 static bool read_whole_seconds(const char *text, void *target) {
@@ -124,6 +130,13 @@ static bool read_right(const char *text, void *target) {
 /* ---- option table ---- */
 
 const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
+    [TL_VERB_INIT] = {"init", "FMU… [options]", NULL, "write a first configuration for FMUs",
+                      "Writes a configuration for FMUs: connects what has the same name, finds the outputs that the "
+                      "plant measures, and tries which inputs and tunable parameters move them. With a recording it "
+                      "also measures noise and tries horizons, which takes a minute or more. What it cannot know is "
+                      "listed in \"fill_in\": `run` refuses the configuration until that list is empty.",
+                      "twinlock init pump.fmu tank.fmu --recording monday.csv\n"
+                      "twinlock init tank.fmu --modbus 192.0.2.10 --step 0.1"},
     [TL_VERB_CHECK] = {"check", "CONFIG [options]", "configuration",
                        "validate a configuration and its FMUs without running",
                        "Validates a configuration and its FMUs: keys, variables, types, units, connections. "
@@ -185,6 +198,7 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
 };
 
 enum {
+    INIT = 1 << TL_VERB_INIT,
     CHECK = 1 << TL_VERB_CHECK,
     REPLAY = 1 << TL_VERB_REPLAY,
     RUN = 1 << TL_VERB_RUN,
@@ -199,6 +213,16 @@ enum {
 #define SETS(member) .offset = offsetof(tl_options, member)
 
 static const tl_option OPTIONS[] = {
+    {INIT, "recording", "FILE", tl_option_text, SETS(recording),
+     .help = "a CSV file: its columns become signals, if their names fit variables of the FMUs"},
+    {INIT, "plant", "FILE", tl_option_text, SETS(plant),
+     .help = "a JSON file with \"sources\" and \"plant\" of a configuration, for example of `script/dbc2json`"},
+    {INIT, "modbus", "HOST[:PORT]", tl_option_text, SETS(modbus), .alone = true,
+     .help = "read the signals from this device by Modbus TCP; their addresses are to be filled in"},
+    {INIT, "step", "S", read_step, SETS(step_s), .help = "macro step, s; default: distance of the recording's rows",
+     .expected = "seconds from 1e-5 to 3600, for example 0.01"},
+    {INIT, "output", "FILE", tl_option_text, SETS(output),
+     .help = "the new configuration; default: NAME.json, where NAME.fmu is the first FMU"},
     {CHECK, "variables", NULL, tl_option_switch, SETS(variables), .help = "list all variables of the FMUs"},
     {CHECK, "recording", "FILE", tl_option_text, SETS(recording),
      .help = "instead, measure noise and message times of a recording, replay it with several horizons, and propose "
@@ -335,16 +359,17 @@ static const tl_option OPTIONS[] = {
     {RUN, "watchdog-timeout", "S", read_whole_seconds, SETS(watchdog_s), .rare = true, .needs = "watchdog",
      .help = "seconds without keepalive until it resets the box; default: 30",
      .expected = "whole seconds from 1 to 3600, for example 30"},
-    {CHECK | REPLAY | PLANT | EXPLAIN, "call-limit", "S", read_seconds, SETS(call_limit_s), .rare = true,
+    {INIT | CHECK | REPLAY | PLANT | EXPLAIN, "call-limit", "S", read_seconds, SETS(call_limit_s), .rare = true,
      .help = "exit code 70 if a call of an FMU takes S seconds; default: 60",
      .expected = "seconds > 0 and below 1e9, for example 600"},
     {RUN, "call-limit", "S", read_seconds, SETS(call_limit_s), .rare = true, .alone = true,
      .help = "without --supervise: exit code 70 if the FMUs hang for ten times S seconds; default: 60",
      .expected = "seconds > 0 and below 1e9, for example 600"},
-    {CHECK | REPLAY | PLANT | RUN | EXPLAIN, "memory-limit", "MIB", read_mebibytes, SETS(memory_limit_mib),
+    {INIT | CHECK | REPLAY | PLANT | RUN | EXPLAIN, "memory-limit", "MIB", read_mebibytes, SETS(memory_limit_mib),
      .rare = true, .help = "memory of the FMU process in MiB; default: half of the machine's, at most 4096",
      .expected = "MiB from 64 to 1048576, for example 2048"},
-    {CHECK | REPLAY | PLANT | RUN | EXPLAIN, "unconfined", NULL, tl_option_switch, SETS(unconfined), .rare = true,
+    {INIT | CHECK | REPLAY | PLANT | RUN | EXPLAIN, "unconfined", NULL, tl_option_switch, SETS(unconfined),
+     .rare = true,
      .help =
          "give the FMUs all rights of this user: files, network, programs; only for FMUs that need them and are trusted"},
     {EVERY, "help", .rare = true, .help = "this text"},
@@ -370,8 +395,15 @@ tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_optio
         .right = TL_RIGHT_BOX,
     };
     tl_options_outcome outcome = tl_program_options_read(&tl_verb_table, verb, argc, argv, options, &words, &count);
-    options->subject = outcome == TL_OPTIONS_READ ? words[0] : NULL;
-    return outcome;
+    if (outcome != TL_OPTIONS_READ) {
+        return outcome;
+    }
+    options->subject = count > 0 ? words[0] : NULL;
+    options->fmus = words;
+    options->fmu_count = count;
+    return verb == TL_VERB_INIT && count == 0
+               ? tl_options_refuse(&tl_verb_rows[verb], "expected at least one FMU, found none")
+               : TL_OPTIONS_READ;
 }
 
 tl_status tl_options_find_recording(const tl_options *options, const tl_config *config, char path[PATH_MAX],

@@ -20,6 +20,7 @@
  */
 
 typedef enum tl_verb {
+    TL_VERB_INIT,
     TL_VERB_CHECK,
     TL_VERB_REPLAY,
     TL_VERB_RUN,
@@ -49,6 +50,12 @@ enum { TL_OPTIONS_NO_TABLE = -1 }; /* tl_options.table: not given */
  * default stated here. */
 typedef struct tl_options {
     const char *subject; /* path of a configuration or, by verb, of a database; the only argument */
+    char **fmus;         /* paths, for init: its arguments */
+    size_t fmu_count;
+    const char *plant;  /* path of a JSON file with `sources` and `plant` */
+    const char *modbus; /* HOST or HOST:PORT */
+    double step_s;      /* --step; 0: not given */
+    const char *output; /* path of the new configuration */
     bool variables;
     double call_limit_s;       /* longest call of an FMU, s; default 60 */
     uint64_t memory_limit_mib; /* MiB for the FMU process; 0: half of the machine's memory, at most 4096 MiB */
@@ -122,6 +129,7 @@ tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_optio
  * process. */
 int tl_verb_check(const tl_options *options);
 int tl_verb_explain(const tl_options *options);
+int tl_verb_init(const tl_options *options);
 int tl_verb_finding(const tl_options *options);
 int tl_verb_learn(const tl_options *options);
 int tl_verb_plant(const tl_options *options);

@@ -73,7 +73,12 @@ int tl_verb_run(const tl_options *options) {
     const tl_version_start start = {.state = options->state, .path = options->subject, .run_role = run_role};
     tl_config config;
     char running[TL_VERSION_RUNNING] = "";
+    tl_error error;
     tl_status status = read_config(options, &start, &config, running);
+    if (status == TL_OK && tl_config_check_filled_in(&config, &error) != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        status = error.status;
+    }
     tl_process_tree_end end = {.is_failure = status != TL_OK};
     int code = status == TL_OK ? run(options, &config, running, &end) : tl_exit_code(status);
     tl_config_free(&config);

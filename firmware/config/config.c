@@ -63,6 +63,7 @@ static void read_sections(tl_config_reader *reader, tl_config *config) {
     (void)tl_config_get_number(&root, "twinlock", &version_rule, &version);
     (void)tl_config_get_text(&root, "name", TL_CONFIG_REQUIRED, "\"motor bench\"", &config->name);
     read_times(&root, config);
+    tl_config_read_fill_in(&root, config);
     tl_config_read_components(&root, config);
     tl_config_read_sources(&root, config);
     tl_config_read_signals(&root, config);
@@ -288,6 +289,13 @@ bool tl_config_is_unconfined(const tl_config *config) {
         is_unconfined = is_unconfined || config->components[i].unconfined;
     }
     return is_unconfined;
+}
+
+tl_status tl_config_check_filled_in(const tl_config *config, tl_error *error) {
+    return config->fill_in_count == 0
+               ? TL_OK
+               : tl_fail(error, TL_BAD_DATA, "%s: fill_in: %zu left; fill in %.200s (%.200s), then remove its entry",
+                         config->path, config->fill_in_count, config->fill_in[0].where, config->fill_in[0].name);
 }
 
 /* ---- limits that FMUs declare ---- */

@@ -161,6 +161,9 @@ typedef struct tl_config {
     double stop_s;    /* stop time of the FMUs, s; NaN: not given */
     tl_time duration; /* ns; 0: to the end of the recording, or until the run is stopped */
 
+    tl_config_name *fill_in; /* what `init` could not know: a place in the file, and what belongs there */
+    size_t fill_in_count;
+
     tl_config_component *components;
     size_t component_count;
     tl_config_source *sources;
@@ -291,6 +294,10 @@ bool tl_config_is_bad_output(const tl_config *config, uint64_t bad_outputs, size
 /* Returns true if a component is unconfined. Then all FMUs of its process have all rights of the
  * user. */
 bool tl_config_is_unconfined(const tl_config *config);
+
+/* Returns TL_BAD_DATA with the first entry of `fill_in` if there is one: a live run would read
+ * placeholders. */
+tl_status tl_config_check_filled_in(const tl_config *config, tl_error *error);
 
 /* Returns true if the signal has a source that is polled (Modbus). Two polls can read the same
  * reading. */

@@ -211,6 +211,7 @@ void tl_config_check_reference_of(const tl_config_object *object, const char *ke
  */
 
 /* components, connect */
+void tl_config_read_fill_in(tl_config_object *root, struct tl_config *config);
 void tl_config_read_components(tl_config_object *root, struct tl_config *config);
 void tl_config_read_connections(tl_config_object *root, struct tl_config *config);
 

@@ -84,6 +84,23 @@ static void read_words(const tl_config_object *map, const cJSON *item, size_t in
     }
 }
 
+static void read_open_point(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    tl_config_name *point = &((tl_config *)context)->fill_in[index];
+    point->where = item->string;
+    point->name = cJSON_IsString(item) ? item->valuestring : "";
+    if (point->name[0] == '\0' || !tl_text_is_plain(point->name)) {
+        tl_config_wrong(map, item->string, NULL, "a text", "\"the cycle of the PLC\"");
+    }
+}
+
+void tl_config_read_fill_in(tl_config_object *root, tl_config *config) {
+    static const tl_config_map rule = {.most = SIZE_MAX, .example = "{\"step_s\": \"the cycle of the PLC\"}"};
+    tl_config_object map;
+    config->fill_in =
+        tl_config_take_entries(root, "fill_in", &rule, sizeof *config->fill_in, &map, &config->fill_in_count);
+    tl_config_each(&map, read_open_point, config);
+}
+
 static void read_alarm(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
     static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0.3"};
     static const tl_config_number time = {.above = true, .maximum = TL_CONFIG_LONGEST_S, .example = "60"};

@@ -557,7 +557,8 @@ static tl_status try_candidate(const tl_worker_job *job, const tl_twin_role_task
     tl_problems_init(&problems, "the candidate");
     tl_status status = tl_config_read_text(job->text[TL_WORKER_PATH], text, strlen(text), &config, &problems.report);
     if (status == TL_OK) {
-        status = tl_live_plant_check(&config, error);
+        status = tl_config_check_filled_in(&config, error);
+        status = status == TL_OK ? tl_live_plant_check(&config, error) : status;
         tl_config_use_lookups(&config);
         status = status == TL_OK ? try_fmus(job, &config, tasks, error) : status;
         tl_config_free(&config);

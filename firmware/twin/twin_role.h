@@ -71,6 +71,7 @@ typedef struct tl_twin_job {
     tl_explanation_order explain; /* for TL_TASK_EXPLAIN */
     bool plain;       /* reuse no executions: no sequence cache, and every component executes in every candidate */
     bool variables;   /* the page lists the variables */
+    bool reactions;   /* a check prints only the reactions to the adjusted variables, a line each (check_page.h) */
     bool brief;       /* a check without the late verification (twin_trial.h) */
     bool states_only; /* only test if another process can use the FMUs' states (tl_twin_check.why) */
     bool reads_back;  /* has a block for the read-back test: optional for TL_TASK_CHECK, always for TL_TASK_READ */

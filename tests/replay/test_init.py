@@ -1,0 +1,171 @@
+#!/usr/bin/env python3
+"""`twinlock init`: a first configuration, which passes `check` and locks onto a recording."""
+import contextlib
+import json
+import signal
+import subprocess
+
+from twinlock_test import (BAD_DATA, BAD_USAGE, SOURCE, expect, expect_line, finish, main, read_config, replay_json, run,
+                           scratch, start)
+
+RECORDING = SOURCE / "config/motor/recording.csv"
+
+
+def recording(*replacements):
+    """The motor's recording with other names in its header."""
+    header, rows = RECORDING.read_text(encoding="utf-8").split("\n", 1)
+    for old, new in replacements:
+        header = header.replace(old, new)
+    path = scratch() / "own.csv"
+    path.write_text(header + "\n" + rows, encoding="utf-8")
+    return path
+
+
+def init(*args, code=0):
+    """The new configuration as a document, its path, and what the command printed."""
+    path = scratch() / "new.json"
+    ended, out, err = run(["init", *args, "--output", path])
+    expect(ended == code, f"ended with {ended}: {err}")
+    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None, path, out + err
+
+
+def connected(document):
+    return sorted(map(tuple, document["connect"]))
+
+
+def test_a_recording():
+    """By name; the drive by units, because its names differ. The twin locks without an edit."""
+    document, path, _ = init("drive.fmu", "motor.fmu", "--recording", recording(("M_brake", "M_w")), "--step", "0.01")
+    expect(connected(document) == [("drive.u_R", "motor.I_in"), ("motor.omega", "drive.y"), ("plant.M_w", "motor.M_w")],
+           f"connected: {document['connect']}")
+    expect(list(document["synchronise"]["adjust"]) == ["motor.d"], f"adjusted: {document['synchronise']['adjust']}")
+    match = document["synchronise"]["match"]
+    expect(list(match) == ["motor.omega"] and match["motor.omega"]["to"] == "plant.omega", f"matched: {match}")
+    expect(set(document["fill_in"]) == {"components.drive.set.ref", "connect motor.I_in", "connect drive.y"},
+           f"to fill in: {document['fill_in']}")
+    expect(document["step_s"] == 0.01 and document["components"]["drive"]["set"]["ref"] == 10, "step or constant")
+    code, out, err = run(["check", path])
+    expect(code == 0, err)
+    expect_line(out, "fill_in|components.drive.set.ref")
+    summary = replay_json(path)
+    expect(summary["lock"]["percent"] > 99, f"in lock: {summary['lock']['percent']} %")
+
+
+def test_run_waits_for_what_is_to_fill_in():
+    document, path, _ = init("motor.fmu", "--modbus", "127.0.0.1:1502")
+    expect(document["sources"]["plc"]["modbus_tcp"] == {"host": "127.0.0.1", "port": 1502}, "no device")
+    expect({"step_s", "plant.omega.modbus", "plant.M_w.modbus", "plant.I_in.modbus"} < set(document["fill_in"]),
+           f"to fill in: {document['fill_in']}")
+    code, _, err = run(["run", path])
+    expect(code == BAD_DATA, f"ended with {code}")
+    expect_line(err, "fill_in|step_s")
+    code, _, err = run(["check", path])
+    expect(code == 0, err)
+
+
+def test_names_as_people_write_them():
+    """Units in brackets, other case, the description of the variable."""
+    document, _, out = init("motor.fmu", "--recording", recording(("omega", "Speed [rad/s]"), ("M_brake", "motor m_w (N.m)")))
+    expect(document["plant"]["Speed"] == {"unit": "rad/s", "csv": {"column": "Speed [rad/s]"}} | document["plant"]["Speed"],
+           f"plant: {document['plant']}")
+    expect(connected(document) == [("plant.motor_m_w", "motor.M_w")], f"connected: {document['connect']}")
+    expect(document["synchronise"]["match"]["motor.omega"]["to"] == "plant.Speed", out)
+    expect(not any(key.endswith(".unit") for key in document["fill_in"]), f"to fill in: {document['fill_in']}")
+
+
+def test_another_unit_is_to_fill_in():
+    document, _, _ = init("motor.fmu", "--recording", recording(("omega", "omega [rpm]"), ("M_brake", "M_w")))
+    expect("plant.omega.unit" in document["fill_in"], f"to fill in: {document['fill_in']}")
+
+
+def test_the_last_signal_and_the_last_input():
+    document, _, _ = init("drive.fmu", "motor.fmu", "--recording", recording(("M_brake", "brake")))
+    expect("plant.brake" in document["fill_in"], "two inputs are left: nothing to guess")
+    document, _, _ = init("emps.fmu", "--recording", column_file("v", "current"))
+    expect(connected(document) == [("plant.current", "emps.F")] and "connect emps.F" in document["fill_in"],
+           f"connected: {document['connect']}; to fill in: {document['fill_in']}")
+
+
+def column_file(*names):
+    path = scratch() / "own.csv"
+    rows = [f"{i / 100},{','.join(str((i % 7) / 7) for _ in names)}" for i in range(400)]
+    path.write_text("\n".join([",".join(["time", *names]), *rows, ""]), encoding="utf-8")
+    return path
+
+
+def test_nothing_fits():
+    document, path, _ = init("motor.fmu", "--recording", column_file("a", "b"))
+    expect({"plant.a", "plant.b", "synchronise.match"} < set(document["fill_in"]), f"to fill in: {document['fill_in']}")
+    expect("synchronise" not in document and "compare" not in document, "matched")
+    code, _, err = run(["check", path])
+    expect(code == 0, err)
+
+
+def test_two_of_one_fmu():
+    """Each variable reacts alone; an output that nothing adjusted reaches is only compared."""
+    document, path, _ = init("motor.fmu", "motor.fmu")
+    expect(set(document["components"]) == {"motor", "motor_2"}, "components")
+    expect(len(document["synchronise"]["adjust"]) == 2, f"adjusted: {document['synchronise']['adjust']}")
+    code, _, err = run(["check", path])
+    expect(code == 0, err)
+
+
+def test_signals_of_a_file():
+    """Sources and signals that are known, for example of a DBC file."""
+    given = read_config(SOURCE / "config/motor/can.json")
+    path = scratch() / "signals.json"
+    path.write_text(json.dumps({"sources": given["sources"], "plant": given["plant"]}), encoding="utf-8")
+    document, _, _ = init("motor.fmu", "--plant", path, "--step", "0.01")
+    expect(document["sources"] == given["sources"] and document["plant"] == given["plant"], "not as given")
+    expect(list(document["synchronise"]["match"]) == ["motor.omega"], "not matched")
+    for text, wrong in (('{"plant": {}}', "plant"), ("{", "signals.json"), ('{"plant": 1}', "plant")):
+        path.write_text(text, encoding="utf-8")
+        document, _, out = init("motor.fmu", "--plant", path, code=BAD_DATA)
+        expect(document is None, "written")
+        expect_line(out, f"error|{wrong}")
+
+
+def test_files_that_cannot_be_used():
+    path = scratch() / "bad.fmu"
+    path.write_bytes(b"no archive")
+    for args, what in (([path], "bad.fmu"), (["nowhere.fmu"], "nowhere.fmu"),
+                       (["motor.fmu", "--recording", "nowhere.csv"], "nowhere.csv"),
+                       (["motor.fmu", "--recording", "/dev"], "/dev"), (["motor.fmu", "--plant", "nowhere.json"], "nowhere.json")):
+        document, _, out = init(*args, code=BAD_DATA)
+        expect(document is None, "written")
+        expect_line(out, f"error|{what}")
+
+
+def test_usage():
+    for args in ([], ["motor.fmu", "--step", "0"], ["motor.fmu", "--modbus", "box:0"], ["motor.fmu", "--modbus", "box:x"],
+                 ["motor.fmu"] * 63):
+        document, _, _ = init(*args, code=BAD_USAGE)
+        expect(document is None, "written")
+
+
+def test_an_existing_file_stays():
+    folder = scratch()
+    path = folder / "motor.json"
+    path.write_text("mine", encoding="utf-8")
+    code, _, err = run(["init", "motor.fmu"], cwd=folder)
+    expect(code == BAD_USAGE and path.read_text(encoding="utf-8") == "mine", "overwritten")
+    expect_line(err, "motor.json|--output")
+    path.unlink()
+    code, _, err = run(["init", "motor.fmu"], cwd=folder)
+    expect(code == 0 and path.exists(), err)
+
+
+def test_interrupted():
+    """Nothing is left: neither a configuration nor a process."""
+    folder = scratch()
+    program = start(["init", "tennessee.fmu", "tennessee_control.fmu"], cwd=folder)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        program.wait(0.3)
+    program.send_signal(signal.SIGINT)
+    code, out, err = finish(program)
+    expect(code != 0, f"{out}{err}")
+    expect(not list(folder.iterdir()), "written")
+
+
+if __name__ == "__main__":
+    main()
