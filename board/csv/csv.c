@@ -73,40 +73,41 @@ static tl_status read_header(tl_csv_reader *reader, tl_error *error) {
     return status == TL_OK ? tl_csv_table_header(&reader->table, line, reader->lines.number, error) : status;
 }
 
-static tl_status open_file(const tl_csv_settings *settings, tl_csv_reader **reader, tl_error *error) {
+/* Returns NULL after an error. */
+static tl_csv_reader *open_file(const tl_csv_settings *settings, tl_error *error) {
     tl_csv_reader *made = calloc(1, sizeof *made);
     if (made == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", settings->path);
+        (void)tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", settings->path);
+        return NULL;
     }
     tl_status status = tl_csv_table_make(&made->table, settings, error);
     if (status != TL_OK) {
         free(made);
-        return status;
+        return NULL;
     }
     bool is_device = tl_csv_is_device(settings->path);
     made->file = is_device ? -1 : open(settings->path, O_RDONLY | O_CLOEXEC);
     if (is_device) {
-        status = tl_fail(error, TL_BAD_DATA, "%s: this is a device (expected a file or a FIFO)", settings->path);
+        (void)tl_fail(error, TL_BAD_DATA, "%s: this is a device (expected a file or a FIFO)", settings->path);
     } else if (made->file < 0) {
         bool shortage = errno == EMFILE || errno == ENFILE || errno == ENOMEM;
-        status = tl_fail(error, shortage ? TL_TRY_AGAIN : TL_BAD_DATA, "%s: cannot be opened: %s", settings->path,
-                         strerror(errno));
+        (void)tl_fail(error, shortage ? TL_TRY_AGAIN : TL_BAD_DATA, "%s: cannot be opened: %s", settings->path,
+                      strerror(errno));
     } else {
         struct stat about;
         made->is_file = fstat(made->file, &about) == 0 && S_ISREG(about.st_mode) != 0;
+        return made;
     }
-    if (status != TL_OK) {
-        tl_csv_close(made);
-        return status;
-    }
-    *reader = made;
-    return TL_OK;
+    tl_csv_close(made);
+    return NULL;
 }
 
 tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, tl_error *error) {
-    tl_csv_reader *made = NULL;
-    tl_status status = open_file(settings, &made, error);
-    status = status == TL_OK ? read_header(made, error) : status;
+    tl_csv_reader *made = open_file(settings, error);
+    if (made == NULL) {
+        return error->status;
+    }
+    tl_status status = read_header(made, error);
     if (status != TL_OK) {
         tl_csv_close(made);
         return status;
@@ -233,7 +234,9 @@ static tl_status read_columns(tl_csv_reader *reader, tl_csv_columns *columns, tl
     tl_csv_clock clock = {0};
     size_t count = 0;
     tl_status status = next_header(reader, &line, error);
-    status = status == TL_OK ? split_line(reader, line, &columns->lines[0], columns->names, &count, error) : status;
+    if (status == TL_OK && line != NULL) {
+        status = split_line(reader, line, &columns->lines[0], columns->names, &count, error);
+    }
     if (status != TL_OK) {
         return status;
     }
@@ -254,10 +257,12 @@ static tl_status read_columns(tl_csv_reader *reader, tl_csv_columns *columns, tl
 
 tl_status tl_csv_columns_read(const char *path, tl_csv_columns *columns, tl_error *error) {
     const tl_csv_settings settings = {.path = path, .time_column = ""};
-    tl_csv_reader *reader = NULL;
     *columns = (tl_csv_columns){.count = 0};
-    tl_status status = open_file(&settings, &reader, error);
-    status = status == TL_OK ? read_columns(reader, columns, error) : status;
+    tl_csv_reader *reader = open_file(&settings, error);
+    if (reader == NULL) {
+        return error->status;
+    }
+    tl_status status = read_columns(reader, columns, error);
     tl_csv_close(reader);
     return status;
 }

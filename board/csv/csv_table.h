@@ -114,8 +114,8 @@ tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, t
 tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_csv_row *row, bool *is_units,
                            tl_error *error);
 
-/* Splits a header of unknown columns at its most frequent separator; modifies `line`. Sets *count to
- * the number of cells, of which at most `room` are stored. Errors: as tl_csv_table_header(). */
+/* Splits a header of unknown columns at its most frequent separator; modifies `line`. Sets *count
+ * to the number of cells, of which at most `room` are stored. Errors: as tl_csv_table_header(). */
 tl_status tl_csv_table_split(const tl_csv_table *table, char *line, int64_t number, char **cells, size_t room,
                              size_t *count, tl_error *error);
 

@@ -56,6 +56,8 @@ _twinlock() {
         compopt -o filenames 2>/dev/null
         if [[ $verb == show || $verb == finding || $verb == explain || $verb == learn ]]; then
             mapfile -t COMPREPLY < <(_twinlock_files .db "$word" | sort -u)
+        elif [[ $verb == init ]]; then
+            mapfile -t COMPREPLY < <(_twinlock_files .fmu "$word" | sort -u)
         else
             mapfile -t COMPREPLY < <(_twinlock_files .json "$word" | sort -u)
         fi

@@ -1,7 +1,6 @@
 /* Draft of a configuration: see draft.h. */
 #include "firmware/cli/draft.h"
 
-#include <ctype.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -22,15 +21,21 @@ const char *tl_draft_signal_name(const tl_draft *draft, size_t index) {
     return draft->signals[index].name;
 }
 
+/* Of ASCII. */
 static bool is_letter(char character) {
-    return isalnum((unsigned char)character) != 0 && (unsigned char)character < 128;
+    return (character >= '0' && character <= '9') || (character >= 'A' && character <= 'Z') ||
+           (character >= 'a' && character <= 'z');
+}
+
+static char lower(char character) {
+    return character >= 'A' && character <= 'Z' ? (char)(character - 'A' + 'a') : character;
 }
 
 void tl_draft_name(const char *text, const char *(*name_of)(const tl_draft *draft, size_t index), const tl_draft *draft,
                    size_t count, char name[TL_DRAFT_NAME]) {
     enum { NUMBER = 4 }; /* characters left for a number */
     size_t length = 0;
-    if (isdigit((unsigned char)text[0]) != 0 || text[0] == '\0' || strcmp(text, "plant") == 0) {
+    if ((text[0] >= '0' && text[0] <= '9') || text[0] == '\0' || strcmp(text, "plant") == 0) {
         name[length++] = '_';
     }
     for (; *text != '\0' && length + NUMBER < TL_DRAFT_NAME; text++) {
@@ -53,10 +58,9 @@ void tl_draft_variable(const tl_draft *draft, size_t fmu, const tl_variable *var
 /* Copies letters and digits only, in lower case. */
 static void reduce(const char *text, char reduced[LONGEST]) {
     size_t length = 0;
-    for (; *text != '\0' && length + 1 < LONGEST; text++) {
-        if (is_letter(*text)) {
-            reduced[length++] = (char)tolower((unsigned char)*text);
-        }
+    for (const char *at = text; *at != '\0' && length + 1 < LONGEST; at++) {
+        reduced[length] = lower(*at);
+        length += is_letter(*at) ? 1 : 0;
     }
     reduced[length] = '\0';
 }
@@ -201,6 +205,50 @@ static bool lacks_source(const tl_draft_port *port) {
     return is_input(port) && port->from == SIZE_MAX && port->signal == SIZE_MAX && port->variable->type != TL_STRING;
 }
 
+/* Cuts the next word off *rest, in lower case; false: there is none. */
+static bool next_word(const char **rest, char word[LONGEST]) {
+    size_t length = 0;
+    while (**rest != '\0' && !is_letter(**rest)) {
+        (*rest)++;
+    }
+    for (; is_letter(**rest) && length + 1 < LONGEST; (*rest)++) {
+        word[length++] = lower(**rest);
+    }
+    word[length] = '\0';
+    return length > 0;
+}
+
+/* True if the description has the name as a word of at least four letters. */
+static bool is_described(const tl_variable *variable, const char *name) {
+    enum { SHORTEST = 4 };
+    const char *rest = variable->description;
+    char reduced[LONGEST];
+    char word[LONGEST];
+    bool is_found = false;
+    reduce(name, reduced);
+    while (next_word(&rest, word)) {
+        is_found = is_found || (strlen(word) >= SHORTEST && strcmp(word, reduced) == 0);
+    }
+    return is_found;
+}
+
+/* Connects a signal with the only variable whose description has its name. */
+static void guess_by_description(tl_draft *draft, size_t signal) {
+    size_t found = SIZE_MAX;
+    size_t count = 0;
+    for (size_t i = 0; i < draft->port_count; i++) {
+        const tl_draft_port *port = &draft->ports[i];
+        bool is_free = port->from == SIZE_MAX && port->signal == SIZE_MAX;
+        bool fits = is_free && is_described(port->variable, draft->signals[signal].name);
+        found = fits ? i : found;
+        count += fits ? 1 : 0;
+    }
+    if (count == 1) {
+        use_signal(draft, signal, found);
+        draft->ports[found].is_guess = true;
+    }
+}
+
 /* Connects the only signal and the only input that are left. */
 static void guess_last(tl_draft *draft) {
     size_t port = SIZE_MAX;
@@ -255,6 +303,11 @@ void tl_draft_link(tl_draft *draft) {
         size_t port = find_port(draft, &draft->signals[i]);
         if (port != SIZE_MAX) {
             use_signal(draft, i, port);
+        }
+    }
+    for (size_t i = 0; i < draft->signal_count; i++) {
+        if (draft->signals[i].port == SIZE_MAX) {
+            guess_by_description(draft, i);
         }
     }
     for (size_t i = 0; i < draft->port_count; i++) {
@@ -688,15 +741,14 @@ static void ask_for_connection(const tl_draft *draft, size_t index, tl_json_writ
     char key[TL_DRAFT_PATH + TL_DRAFT_NAME];
     char from[TL_DRAFT_PATH];
     tl_draft_variable(draft, port->fmu, port->variable, input);
-    (void)snprintf(key, sizeof key, "connect %s", input);
+    (void)snprintf(key, sizeof key, "%s %s", is_input(port) ? "connect" : "match", input);
     if (port->is_guess && port->from != SIZE_MAX) {
         const tl_draft_port *output = &draft->ports[port->from];
         tl_draft_variable(draft, output->fmu, output->variable, from);
         ask(writer, key, "from %.120s: guessed by the unit %.40s; correct it if it is wrong", from,
             unit_of(port->variable));
     } else if (port->is_guess) {
-        ask(writer, key, "from plant.%s: guessed, because nothing else is left; correct it if it is wrong",
-            draft->signals[port->signal].name);
+        ask(writer, key, "from plant.%s: guessed; correct it if it is wrong", draft->signals[port->signal].name);
     } else if (lacks_source(port) && !is_port_adjusted(draft, TL_DRAFT_FINAL, 0, index)) {
         (void)snprintf(key, sizeof key, "components.%s.set.%s", draft->fmus[port->fmu].name, port->variable->name);
         ask(writer, key, "the right constant; or remove it and connect %.120s", input);

@@ -2,11 +2,12 @@
  *
  * Purpose: connects by name, finds the outputs to match and what can be adjusted, and writes the
  *          configuration. What the program cannot know becomes an entry of `fill_in`.
- * Guess:   what remains is connected if an output and an input of two FMUs are the only ones with
- *          their unit, or if one signal and one input are left.
  * Names:   equal if their letters and digits are, whatever their case. A signal is compared with
  *          component and variable together, the variable, the last part of a structured name, and
  *          the description, in this order. A name that fits several variables connects none.
+ * Guess:   what remains is connected if the name of a signal is a word of one description only, if
+ *          an output and an input of two FMUs are the only ones with their unit, or if one signal
+ *          and one input are left.
  * Order:   fill fmus and signals; tl_draft_link(); then the figures of a recording, if there is
  *          one; tl_draft_propose(); then the reactions; tl_draft_choose(); tl_draft_text().
  * Owner:   the caller owns models and texts, which must outlive the draft, and frees the text.
@@ -15,13 +16,12 @@
 #ifndef TL_FIRMWARE_CLI_DRAFT_H
 #define TL_FIRMWARE_CLI_DRAFT_H
 
-#include <cjson/cJSON.h>
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "firmware/config/config.h"
+#include "firmware/config/json_document.h"
+#include "firmware/fmu/model_description.h"
 #include "master/base/signal.h"
-#include "master/fmi/model.h"
 
 enum {
     TL_DRAFT_FMUS = 62,
@@ -125,15 +125,15 @@ void tl_draft_link(tl_draft *draft);
 void tl_draft_propose(tl_draft *draft);
 
 /* Chooses what to adjust: for each match the variable to which it reacts most. Inputs that have a
- * source, and variables of other FMUs than the match, are chosen only if there is nothing else: what
- * is wrong is probably what nothing measures, near the output. At most TL_MAX_ADJUST. */
+ * source, and variables of other FMUs than that of the match, are chosen only if there is nothing
+ * else: what nothing measures, near the output, is more probably wrong. At most TL_MAX_ADJUST. */
 void tl_draft_choose(tl_draft *draft);
 
 /* Writes "component.variable". */
 void tl_draft_variable(const tl_draft *draft, size_t fmu, const tl_variable *variable, char path[TL_DRAFT_PATH]);
 
-/* Returns the configuration as text, which the caller frees; NULL if memory is out. `tried`: index of
- * the candidate, for TL_DRAFT_TRIED. */
+/* Returns the configuration as text, which the caller frees; NULL if memory is out. `tried`: index
+ * of the candidate, for TL_DRAFT_TRIED. */
 char *tl_draft_text(const tl_draft *draft, tl_draft_kind kind, size_t tried);
 
 #endif

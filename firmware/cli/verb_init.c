@@ -5,6 +5,7 @@
 #include <libgen.h>
 #include <limits.h>
 #include <math.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -318,17 +319,18 @@ static tl_status measure_recording(initialisation *self) {
 
 /* ---- reactions ---- */
 
+/* The line of tl_check_page_print(); "": none. */
 static void take_reaction(const tl_draft *draft, tl_draft_candidate *candidate, const char *line) {
-    size_t index = 0;
-    size_t match = 0;
-    double most = 0;
-    double half_s = 0;
-    if (sscanf(line, "%zu %zu %lf %lf", &index, &match, &most, &half_s) == 4 && index == 0 &&
-        match < draft->match_count && isfinite(most)) {
+    enum { DECIMAL = 10 };
+    char *rest = NULL;
+    bool is_first = line[0] != '\0' && strtoul(line, &rest, DECIMAL) == 0;
+    size_t match = is_first ? strtoul(rest, &rest, DECIMAL) : SIZE_MAX;
+    double most = is_first ? strtod(rest, &rest) : (double)NAN;
+    if (match < draft->match_count && isfinite(most)) {
         candidate->is_tried = true;
         candidate->match = match;
         candidate->most = most;
-        candidate->half_s = half_s;
+        candidate->half_s = strtod(rest, &rest);
     }
 }
 

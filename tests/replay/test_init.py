@@ -73,6 +73,12 @@ def test_names_as_people_write_them():
     expect(not any(key.endswith(".unit") for key in document["fill_in"]), f"to fill in: {document['fill_in']}")
 
 
+def test_a_word_of_a_description():
+    document, _, _ = init("drive.fmu", "motor.fmu", "--recording", recording(("M_brake", "torque")))
+    expect(("plant.torque", "motor.M_w") in connected(document), f"connected: {document['connect']}")
+    expect("connect motor.M_w" in document["fill_in"], f"to fill in: {document['fill_in']}")
+
+
 def test_another_unit_is_to_fill_in():
     document, _, _ = init("motor.fmu", "--recording", recording(("omega", "omega [rpm]"), ("M_brake", "M_w")))
     expect("plant.omega.unit" in document["fill_in"], f"to fill in: {document['fill_in']}")

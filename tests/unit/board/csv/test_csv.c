@@ -480,6 +480,46 @@ static void test_too_many_columns(void) {
     expect_text("65|64");
 }
 
+/* ---- the columns of a file ---- */
+
+static tl_csv_columns columns;
+
+static tl_status read_columns(const char *text) {
+    error = (tl_error){TL_OK, ""};
+    put(text, strlen(text));
+    return tl_csv_columns_read(path, &columns, &error);
+}
+
+static void test_columns(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, read_columns("speed;t;\"a, b\"\n1;0;2\n"));
+    TEST_ASSERT_EQUAL_size_t(3, columns.count);
+    TEST_ASSERT_EQUAL_size_t(1, columns.time);
+    TEST_ASSERT_EQUAL_STRING("speed", columns.names[0]);
+    TEST_ASSERT_EQUAL_STRING("a, b", columns.names[2]);
+    TEST_ASSERT_EQUAL_STRING("", columns.units[0]);
+    tl_csv_columns_release(&columns);
+}
+
+static void test_columns_with_a_row_of_units(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, read_columns("\xEF\xBB\xBFTime,speed\nms,rad/s\n0,1\n"));
+    TEST_ASSERT_EQUAL_STRING("Time", columns.names[columns.time]);
+    TEST_ASSERT_EQUAL_STRING("rad/s", columns.units[1]);
+    tl_csv_columns_release(&columns);
+    TEST_ASSERT_EQUAL_INT(TL_OK, read_columns("clock,speed\n")); /* no name of a time: the first column */
+    TEST_ASSERT_EQUAL_size_t(0, columns.time);
+    TEST_ASSERT_EQUAL_STRING("", columns.units[1]);
+    tl_csv_columns_release(&columns);
+}
+
+static void test_columns_that_cannot_be_read(void) {
+    const char *const texts[] = {"", "time,\"speed\n", "\x1F\x8B", "\xFF\xFE"};
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, read_columns(texts[i]));
+        tl_csv_columns_release(&columns);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_csv_columns_read("/nowhere/file.csv", &columns, &error));
+}
+
 int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_csv");
     (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "recording.csv"));
@@ -520,5 +560,8 @@ int main(void) {
     RUN_TEST(test_a_header_that_is_too_long);
     RUN_TEST(test_lines_after_one_that_is_too_long);
     RUN_TEST(test_too_many_columns);
+    RUN_TEST(test_columns);
+    RUN_TEST(test_columns_with_a_row_of_units);
+    RUN_TEST(test_columns_that_cannot_be_read);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

@@ -60,6 +60,9 @@ static void test_root(void) {
     TEST_ASSERT_EQUAL_INT64(14 * TL_SECOND, config->duration);
     TEST_ASSERT_EQUAL_DOUBLE(5.0, config->start_s);
     TEST_ASSERT_EQUAL_DOUBLE(1e6, config->stop_s);
+    TEST_ASSERT_EQUAL_size_t(1, config->fill_in_count);
+    TEST_ASSERT_EQUAL_STRING("plant.omega.modbus", config->fill_in[0].where);
+    TEST_ASSERT_EQUAL_STRING("the register of the speed", config->fill_in[0].name);
     TEST_ASSERT_EQUAL_STRING("bench.csv", config->recording_file);
     TEST_ASSERT_EQUAL_STRING("seconds", config->recording_time_column);
     TEST_ASSERT_EQUAL_STRING("bench.db", config->record_file);
