@@ -38,7 +38,7 @@ typedef struct initialisation {
     tl_csv_columns columns;
     cJSON *given;   /* file of --plant */
     cJSON *final;   /* the configuration */
-    bool is_failed; /* a trial with the FMUs failed and was logged */
+    bool is_failed; /* the configuration does not pass a check; the reason was logged */
     tl_error error;
 } initialisation;
 
@@ -341,23 +341,34 @@ static tl_status check_job(tl_verb_job *job, FILE *page) {
     return status == TL_OK ? tl_twin_child_wait(job->child, &job->error) : status;
 }
 
-/* A failure of the FMUs is logged. */
-static tl_status try_reaction(initialisation *self, size_t index) {
+/* Checks a configuration, and writes the lines of tl_check_page_print(), which the caller frees. A
+ * failure is logged. */
+static tl_status check_text(initialisation *self, const char *text, char **lines) {
     tl_verb_job job = {.options = self->options, .order = {.task = TL_TASK_CHECK, .reactions = true}};
-    char *text = tl_draft_text(&self->draft, TL_DRAFT_TRIED, index);
-    char *lines = NULL;
     size_t size = 0;
-    FILE *page = open_memstream(&lines, &size);
+    FILE *page = open_memstream(lines, &size);
     tl_status status = text != NULL && page != NULL ? tl_verb_job_read(&job, self->output, text)
                                                     : tl_fail(&job.error, TL_TRY_AGAIN, "not enough memory");
     status = status == TL_OK ? check_job(&job, page) : status;
     if (page != NULL) {
         (void)fclose(page);
     }
+    (void)tl_verb_job_end(&job, status);
+    return status;
+}
+
+/* Other failures are those of one configuration. */
+static bool is_final(tl_status status) {
+    return status == TL_INTERRUPTED || status == TL_TRY_AGAIN;
+}
+
+static tl_status try_reaction(initialisation *self, size_t index) {
+    char *text = tl_draft_text(&self->draft, TL_DRAFT_TRIED, index);
+    char *lines = NULL;
+    tl_status status = check_text(self, text, &lines);
     if (status == TL_OK) {
         take_reaction(&self->draft, &self->draft.candidates[index], lines);
     }
-    (void)tl_verb_job_end(&job, status);
     free(lines);
     free(text);
     return status;
@@ -368,17 +379,14 @@ static tl_status try_reactions(initialisation *self) {
     tl_draft *draft = &self->draft;
     tl_progress progress;
     tl_status status = TL_OK;
-    size_t failed = 0;
     tl_progress_begin(&progress, "reactions to variable", (int64_t)draft->candidate_count);
-    for (size_t i = 0; i < draft->candidate_count && status != TL_INTERRUPTED && status != TL_TRY_AGAIN; i++) {
+    for (size_t i = 0; i < draft->candidate_count && !is_final(status); i++) {
         tl_progress_update(&progress, (int64_t)i);
         status = try_reaction(self, i);
-        failed += status != TL_OK ? 1 : 0;
     }
     tl_progress_end(&progress);
     tl_draft_choose(draft);
-    self->is_failed = failed != 0 && failed == draft->candidate_count;
-    return status == TL_INTERRUPTED || status == TL_TRY_AGAIN ? status : TL_OK;
+    return is_final(status) ? status : TL_OK;
 }
 
 /* ---- what the recording proposes ---- */
@@ -444,6 +452,7 @@ static tl_status propose(initialisation *self, const char *text) {
 
 static tl_status finish(initialisation *self) {
     char *text = tl_draft_text(&self->draft, TL_DRAFT_FINAL, 0);
+    char *lines = NULL;
     bool is_adjusted = false;
     for (size_t i = 0; i < self->draft.candidate_count; i++) {
         is_adjusted = is_adjusted || self->draft.candidates[i].is_chosen;
@@ -451,9 +460,15 @@ static tl_status finish(initialisation *self) {
     self->final = text != NULL ? cJSON_Parse(text) : NULL;
     tl_status status =
         self->final != NULL ? TL_OK : tl_fail(&self->error, TL_TRY_AGAIN, "not enough memory for the configuration");
-    if (status == TL_OK && self->draft.recording != NULL && is_adjusted) {
+    if (status == TL_OK) {
+        status = check_text(self, text, &lines);
+        self->is_failed = status != TL_OK;
+        status = is_final(status) ? status : TL_OK;
+    }
+    if (status == TL_OK && self->draft.recording != NULL && is_adjusted && !self->is_failed) {
         status = propose(self, text);
     }
+    free(lines);
     free(text);
     return status;
 }

@@ -142,6 +142,13 @@ def test_files_that_cannot_be_used():
         expect_line(out, f"error|{what}")
 
 
+def test_an_fmu_that_does_not_start():
+    """What is known is written; the exit code and the FMU's message say that it does not pass a check."""
+    document, _, out = init("csv.fmu", code=70)
+    expect(document["components"]["csv"]["fmu"] == "csv.fmu", "not written")
+    expect_line(out, "error|no file is named")
+
+
 def test_usage():
     for args in ([], ["motor.fmu", "--step", "0"], ["motor.fmu", "--modbus", "box:0"], ["motor.fmu", "--modbus", "box:x"],
                  ["motor.fmu"] * 63):
