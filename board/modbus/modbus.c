@@ -364,6 +364,11 @@ static tl_status check_channel(const tl_modbus_channel *channel, size_t index, t
         return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: the value at address %u ends beyond address 65535",
                        index, (unsigned)channel->address);
     }
+    unsigned part = tl_modbus_part_bits(channel->type);
+    if (channel->bit > (part > 0 ? 16 - part : 0)) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus channel %zu: bit is %u (expected at most %u for its type)", index,
+                       (unsigned)channel->bit, part > 0 ? 16 - part : 0);
+    }
     if (!isfinite(channel->scale) || channel->scale == 0 || !isfinite(channel->offset)) {
         return tl_fail(error, TL_BAD_DATA,
                        "Modbus channel %zu: scale is %g, offset is %g (expected finite values, scale not 0)", index,

@@ -115,15 +115,29 @@ size_t tl_modbus_registers(tl_modbus_type type) {
     case TL_MODBUS_INT32:
     case TL_MODBUS_UINT32:
     case TL_MODBUS_FLOAT32:
+    case TL_MODBUS_BCD32:
         return 2;
+    case TL_MODBUS_INT64:
+    case TL_MODBUS_UINT64:
     case TL_MODBUS_FLOAT64:
         return 4;
     case TL_MODBUS_BIT:
     case TL_MODBUS_INT16:
     case TL_MODBUS_UINT16:
+    case TL_MODBUS_BCD16:
+    case TL_MODBUS_REGISTER_BIT:
+    case TL_MODBUS_INT8:
+    case TL_MODBUS_UINT8:
         break;
     }
     return 1;
+}
+
+unsigned tl_modbus_part_bits(tl_modbus_type type) {
+    if (type == TL_MODBUS_REGISTER_BIT) {
+        return 1;
+    }
+    return type == TL_MODBUS_INT8 || type == TL_MODBUS_UINT8 ? 8 : 0;
 }
 
 /* Swaps a register between wire order and most significant byte first. */
@@ -155,29 +169,57 @@ static void split_words(const tl_modbus_channel *channel, uint64_t bits, uint16_
     }
 }
 
-bool tl_modbus_decode(const tl_modbus_channel *channel, const uint16_t *registers, double *value) {
-    double raw = 0;
-    switch (channel->type) {
+/* NaN if a digit is above 9. */
+static double bcd_to_number(uint64_t bits) {
+    double number = 0;
+    for (int shift = 28; shift >= 0; shift -= 4) {
+        const unsigned digit = bits >> shift & 0xF;
+        number = digit <= 9 ? 10 * number + digit : (double)NAN;
+    }
+    return number;
+}
+
+static uint64_t bcd_of_number(uint64_t number) {
+    uint64_t bits = 0;
+    for (int shift = 0; number > 0; shift += 4, number /= 10) {
+        bits |= number % 10 << shift;
+    }
+    return bits;
+}
+
+static double raw_of(tl_modbus_type type, uint64_t bits) {
+    switch (type) {
     case TL_MODBUS_BIT:
-        raw = registers[0] != 0 ? 1 : 0;
-        break;
+        return bits != 0 ? 1 : 0;
     case TL_MODBUS_UINT16:
     case TL_MODBUS_UINT32:
-        raw = (double)join_words(channel, registers);
+    case TL_MODBUS_UINT64:
         break;
     case TL_MODBUS_INT16:
-        raw = tl_bits_to_signed(join_words(channel, registers), 16);
-        break;
+        return tl_bits_to_signed(bits, 16);
     case TL_MODBUS_INT32:
-        raw = tl_bits_to_signed(join_words(channel, registers), 32);
-        break;
+        return tl_bits_to_signed(bits, 32);
+    case TL_MODBUS_INT64:
+        return tl_bits_to_signed(bits, 64);
     case TL_MODBUS_FLOAT32:
-        raw = tl_bits_to_float32(join_words(channel, registers));
-        break;
+        return tl_bits_to_float32(bits);
     case TL_MODBUS_FLOAT64:
-        raw = tl_bits_to_float64(join_words(channel, registers));
-        break;
+        return tl_bits_to_float64(bits);
+    case TL_MODBUS_BCD16:
+    case TL_MODBUS_BCD32:
+        return bcd_to_number(bits);
+    case TL_MODBUS_REGISTER_BIT:
+        return (double)(bits & 1);
+    case TL_MODBUS_INT8:
+        return tl_bits_to_signed(bits, 8);
+    case TL_MODBUS_UINT8:
+        return (double)(bits & 0xFF);
     }
+    return (double)bits;
+}
+
+bool tl_modbus_decode(const tl_modbus_channel *channel, const uint16_t *registers, double *value) {
+    const double raw = raw_of(channel->type, join_words(channel, registers) >> channel->bit);
     *value = raw * channel->scale + channel->offset;
     if (!isfinite(*value)) {
         *value = 0;
@@ -192,6 +234,22 @@ static uint64_t integer_bits(double raw, double minimum, double maximum) {
         return 0;
     }
     return (uint64_t)(int64_t)fmin(fmax(round(raw), minimum), maximum);
+}
+
+/* The same for 64 bits, whose largest integers no double has. */
+static uint64_t wide_bits(double raw, bool is_signed) {
+    if (isnan(raw)) {
+        return 0;
+    }
+    if (raw >= (is_signed ? 0x1p63 : 0x1p64)) {
+        return is_signed ? INT64_MAX : UINT64_MAX;
+    }
+    return is_signed ? (uint64_t)(int64_t)fmax(round(raw), -0x1p63) : (uint64_t)fmax(round(raw), 0);
+}
+
+static void put_part(const tl_modbus_channel *channel, uint64_t bits, uint16_t *registers) {
+    const uint64_t mask = ((1U << tl_modbus_part_bits(channel->type)) - 1U) << channel->bit;
+    split_words(channel, (join_words(channel, registers) & ~mask) | (bits << channel->bit & mask), registers);
 }
 
 void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *registers) {
@@ -217,6 +275,25 @@ void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *
         break;
     case TL_MODBUS_FLOAT64:
         split_words(channel, tl_bits_of_float64(raw), registers);
+        break;
+    case TL_MODBUS_INT64:
+    case TL_MODBUS_UINT64:
+        split_words(channel, wide_bits(raw, channel->type == TL_MODBUS_INT64), registers);
+        break;
+    case TL_MODBUS_BCD16:
+        split_words(channel, bcd_of_number(integer_bits(raw, 0, 9999)), registers);
+        break;
+    case TL_MODBUS_BCD32:
+        split_words(channel, bcd_of_number(integer_bits(raw, 0, 99999999)), registers);
+        break;
+    case TL_MODBUS_REGISTER_BIT:
+        put_part(channel, integer_bits(raw, 0, 1), registers);
+        break;
+    case TL_MODBUS_INT8:
+        put_part(channel, integer_bits(raw, INT8_MIN, INT8_MAX), registers);
+        break;
+    case TL_MODBUS_UINT8:
+        put_part(channel, integer_bits(raw, 0, UINT8_MAX), registers);
         break;
     }
 }
@@ -263,7 +340,10 @@ static bool extend(tl_modbus_read *read, const tl_modbus_channel *channel) {
     size_t most = bits ? TL_MODBUS_MAX_BITS : TL_MODBUS_MAX_REGISTERS;
     size_t end = (size_t)read->address + read->count;
     size_t new_end = end_of(channel) > end ? end_of(channel) : end;
-    if (channel->unit_id != read->unit_id || channel->table != read->table || read->grain == TL_MODBUS_SINGLE) {
+    bool is_same_register =
+        tl_modbus_part_bits(channel->type) > 0 && channel->address == read->address && read->count == 1;
+    if (channel->unit_id != read->unit_id || channel->table != read->table ||
+        (read->grain == TL_MODBUS_SINGLE && !is_same_register)) {
         return false;
     }
     if (channel->address > end + (read->grain == TL_MODBUS_GAPS ? gap : 0) || new_end - read->address > most) {

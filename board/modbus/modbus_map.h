@@ -72,7 +72,14 @@ typedef enum tl_modbus_type {
     TL_MODBUS_INT32,
     TL_MODBUS_UINT32,
     TL_MODBUS_FLOAT32,
-    TL_MODBUS_FLOAT64
+    TL_MODBUS_FLOAT64,
+    TL_MODBUS_INT64, /* beyond 2^53 rounded to the nearest double, also UINT64 */
+    TL_MODBUS_UINT64,
+    TL_MODBUS_BCD16, /* one decimal digit in 4 bits */
+    TL_MODBUS_BCD32,
+    TL_MODBUS_REGISTER_BIT, /* part of a register: one bit; a byte */
+    TL_MODBUS_INT8,
+    TL_MODBUS_UINT8
 } tl_modbus_type;
 
 /* Position of one signal in the server's register map. */
@@ -83,6 +90,7 @@ typedef struct tl_modbus_channel {
     tl_modbus_type type;
     bool words_little; /* several registers: least significant word first; default: most significant first */
     bool bytes_little; /* within a register: least significant byte first; default: most significant first */
+    uint8_t bit;       /* part of a register: its lowest bit, 0 … 15; of a byte 0 or 8 */
     double scale;      /* value = raw·scale + offset; not 0 */
     double offset;
 } tl_modbus_channel;
@@ -93,10 +101,15 @@ bool tl_modbus_is_bit_table(tl_modbus_table table);
 /* Returns the number of registers of a value of this type; 1 for a bit. */
 size_t tl_modbus_registers(tl_modbus_type type);
 
+/* Returns the number of bits if the type is a part of a register, else 0. */
+unsigned tl_modbus_part_bits(tl_modbus_type type);
+
 /* Converts raw registers to a value and back. `registers` has tl_modbus_registers() elements.
- * decode: if the value is not finite, returns false and sets *value to 0.
+ * decode: if the value is not finite, or a BCD digit is above 9, returns false and sets
+ *         *value to 0.
  * encode: an integer or bit gets the nearest integer: values out of range saturate, also
- *         infinities, and NaN becomes 0. A float32 saturates finite values only. */
+ *         infinities, and NaN becomes 0. A float32 saturates finite values only. A part of a
+ *         register does not change the other bits. */
 bool tl_modbus_decode(const tl_modbus_channel *channel, const uint16_t *registers, double *value);
 void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *registers);
 
@@ -105,7 +118,7 @@ void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *
  *
  * Purpose: channels of one unit and table with near addresses share a request. If a server rejects
  *          such a request, the driver splits it: first into requests without unused registers, then
- *          into one request per value.
+ *          into one request per value. Parts of one register stay together.
  * Limits:  125 registers or 2000 bits per request (MODBUS Application Protocol 1.1b3, 6.1 to 6.4).
  *          A value is never split over two requests, so it is always consistent.
  * Bound:   make O(n log n), split O(n); only make allocates. There are never more requests than

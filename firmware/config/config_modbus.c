@@ -115,13 +115,15 @@ static void read_table_and_type(tl_config_object *object, tl_modbus_channel *cha
     static const char *const tables[] = {"coil", "discrete", "holding", "input", NULL};
     static const tl_modbus_table table_of[] = {TL_MODBUS_COIL, TL_MODBUS_DISCRETE, TL_MODBUS_HOLDING, TL_MODBUS_INPUT};
     static const char *const bit_types[] = {"bit", NULL};
-    static const char *const word_types[] = {"int16", "uint16", "int32", "uint32", "float32", "float64", NULL};
-    static const char *const all_types[] = {"int16", "uint16", "int32", "uint32", "float32", "float64", "bit", NULL};
-    static const tl_modbus_type type_of[] = {TL_MODBUS_INT16,   TL_MODBUS_UINT16,  TL_MODBUS_INT32, TL_MODBUS_UINT32,
-                                             TL_MODBUS_FLOAT32, TL_MODBUS_FLOAT64, TL_MODBUS_BIT};
+    static const char *const word_types[] = {"int16",   "uint16", "int32", "uint32", "int64", "uint64", "float32",
+                                             "float64", "bcd16",  "bcd32", "int8",   "uint8", "bit",    NULL};
+    static const tl_modbus_type type_of[] = {
+        TL_MODBUS_INT16,  TL_MODBUS_UINT16,  TL_MODBUS_INT32,       TL_MODBUS_UINT32, TL_MODBUS_INT64,
+        TL_MODBUS_UINT64, TL_MODBUS_FLOAT32, TL_MODBUS_FLOAT64,     TL_MODBUS_BCD16,  TL_MODBUS_BCD32,
+        TL_MODBUS_INT8,   TL_MODBUS_UINT8,   TL_MODBUS_REGISTER_BIT};
     size_t index = 0;
     if (!tl_config_get_choice(object, "table", TL_CONFIG_REQUIRED, tables, &index)) {
-        (void)tl_config_get_choice(object, "type", TL_CONFIG_OPTIONAL, all_types, &index);
+        (void)tl_config_get_choice(object, "type", TL_CONFIG_OPTIONAL, word_types, &index);
         return;
     }
     channel->table = table_of[index];
@@ -131,6 +133,21 @@ static void read_table_and_type(tl_config_object *object, tl_modbus_channel *cha
     } else if (tl_config_get_choice(object, "type", TL_CONFIG_REQUIRED, word_types, &index)) {
         channel->type = type_of[index];
     }
+}
+
+/* The part of a register; other types have none. */
+static void read_part(tl_config_object *object, tl_modbus_channel *channel) {
+    static const tl_config_number rule = {
+        .need = TL_CONFIG_REQUIRED, .whole = true, .minimum = 0, .maximum = 15, .example = "3"};
+    static const char *const parts[] = {"low", "high", NULL};
+    double bit = 0;
+    size_t part = 0;
+    if (channel->type == TL_MODBUS_REGISTER_BIT) {
+        (void)tl_config_get_number(object, "bit", &rule, &bit);
+    } else if (tl_modbus_part_bits(channel->type) == 8) {
+        (void)tl_config_get_choice(object, "byte", TL_CONFIG_OPTIONAL, parts, &part);
+    }
+    channel->bit = (uint8_t)(8.0 * (double)part + bit);
 }
 
 /* Called after the type is known, because the last register must exist. */
@@ -161,6 +178,7 @@ static void read_signal(tl_config_object *object, const cJSON *named, tl_config_
     tl_modbus_channel *channel = signal->channel;
     read_unit_id(object, named, channel);
     read_table_and_type(object, channel);
+    read_part(object, channel);
     read_address(object, channel);
     channel->words_little = is_little(object, "words");
     channel->bytes_little = is_little(object, "bytes");

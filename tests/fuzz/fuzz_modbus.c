@@ -41,9 +41,10 @@ static void read_channels(void) {
                                           .table = (tl_modbus_table)(where / 4 % 8),
                                           .words_little = (where & 0x40) != 0,
                                           .bytes_little = (where & 0x80) != 0,
-                                          .type = (tl_modbus_type)(what % 8 % 7),
-                                          .scale = SCALES[what / 8 % 4],
-                                          .offset = what >> 5,
+                                          .type = (tl_modbus_type)(what % 16 % 14),
+                                          .bit = what % 16 % 14 == TL_MODBUS_REGISTER_BIT ? 11 : 0,
+                                          .scale = SCALES[what / 16 % 4],
+                                          .offset = what >> 6,
                                           .address = (uint16_t)(address | tl_fuzz_take())};
     }
 }

@@ -3,8 +3,8 @@
  *   modbus_probe read HOST PORT   reads every channel once it can; prints "quality value" for each
  *   modbus_probe read DEVICE      the same on a serial line
  *   modbus_probe serve            prints its port, serves until its input ends, prints "requests refused_writes"
- * Channels are lines of the standard input, "unit table address type words_little bytes_little scale offset value", up
- * to a line "go"; tables and types are the numbers of board/modbus/modbus_codec.h.
+ * Channels are lines of the standard input, "unit table address type words_little bytes_little bit scale offset
+ * value", up to a line "go"; tables and types are the numbers of board/modbus/modbus_codec.h.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,7 +15,7 @@
 #include "firmware/cli/plant_server.h"
 #include "tests/replay/probe.h"
 
-enum { CHANNELS = 4096, FIELDS = 9, POLLS = 200 };
+enum { CHANNELS = 4096, FIELDS = 10, POLLS = 200 };
 
 static tl_modbus_channel channels[CHANNELS];
 static double values[CHANNELS];
@@ -38,9 +38,10 @@ static bool read_channels(void) {
                                               .type = (tl_modbus_type)field[3],
                                               .words_little = field[4] != 0,
                                               .bytes_little = field[5] != 0,
-                                              .scale = field[6],
-                                              .offset = field[7]};
-        values[count] = field[8];
+                                              .bit = (uint8_t)field[6],
+                                              .scale = field[7],
+                                              .offset = field[8]};
+        values[count] = field[9];
         count++;
     }
     return true;

@@ -28,10 +28,11 @@ FULL = os.path.join(SOURCE, "tests", "support", "configuration_full.json")
 FREE = os.path.join(SOURCE, "tests", "support", "configuration_free.json")
 EPSILON = os.path.join(SOURCE, "tests", "support", "configuration_epsilon.json")
 CAN = os.path.join(SOURCE, "tests", "support", "configuration_can.json")
+MODBUS = os.path.join(SOURCE, "tests", "support", "configuration_modbus.json")
 EVENT = os.path.join(SOURCE, "tests", "support", "configuration_event.json")  # excludes a horizon of steps
 MUTANTS = 600
 SOLVERS = {1: "nelder-mead", 100: "l-bfgs", 1000: "bobyqa"}  # the dissertation's numbers
-REGISTERS = {"int32": 2, "uint32": 2, "float32": 2, "float64": 4}
+REGISTERS = {"int32": 2, "uint32": 2, "float32": 2, "bcd32": 2, "int64": 4, "uint64": 4, "float64": 4}
 VALUES = [None, True, False, "", "text", "a\tb", "plant.omega", "motor.omega", "nobody.omega", "plant.nobody", "plc", "stream",
           "holding", "coil", "bit", "int16", "float64", "boolean", 0, -1, 1, 2, 3, 1.5, 5.0, 0.5, 1e-6, 1e-5, 3600, 3601,
           62, 64, 65, 98, 99, 247, 248, 255, 1000, 1001, 65534, 65535, 65536, 100001, 2147483647, 2147483648, 1e9, 1.1e9,
@@ -327,7 +328,7 @@ def compare(mutant, problems, validator):
 
 def check_repository(validator):
     paths = sorted(glob.glob(os.path.join(SOURCE, "config", "**", "*.json"), recursive=True))
-    paths = [path for path in paths if os.sep + "schema" + os.sep not in path] + [FULL, FREE, EPSILON, CAN, EVENT]
+    paths = [path for path in paths if os.sep + "schema" + os.sep not in path] + [FULL, FREE, EPSILON, CAN, MODBUS, EVENT]
     failures = 0
     for path, problems in zip(paths, probe(paths)):
         with open(path, encoding="utf-8") as file:
@@ -354,7 +355,7 @@ def keys_of_schema(schema):
 def check_keys(schema):
     """FULL has all keys except those that exclude others in it. The other configurations have these."""
     found = []
-    for path in (FULL, FREE, EPSILON, CAN, EVENT):
+    for path in (FULL, FREE, EPSILON, CAN, MODBUS, EVENT):
         with open(path, encoding="utf-8") as file:
             found.append(keys_of(json.load(file)))
     missing = keys_of_schema(schema) - set().union(*found)
@@ -365,7 +366,7 @@ def check_keys(schema):
 
 def make_mutants(rng):
     bases = []
-    for path in (FULL, FREE, EPSILON, CAN):
+    for path in (FULL, FREE, EPSILON, CAN, MODBUS):
         with open(path, encoding="utf-8") as file:
             bases.append(parse(file.read()))
     for _ in range(MUTANTS):

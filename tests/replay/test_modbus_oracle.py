@@ -31,8 +31,13 @@ from twinlock_test import PATIENCE, program  # noqa: E402 (a skip comes first)
 PROBE = program("modbus_probe")
 GOOD, NO_LINK = 0, 4
 BIT = 0
-TYPES = {1: "h", 2: "H", 3: "i", 4: "I", 5: "f", 6: "d"}  # as board/modbus/modbus_map.h numbers them
-RANGES = {"h": (-2**15, 2**15 - 1), "H": (0, 2**16 - 1), "i": (-2**31, 2**31 - 1), "I": (0, 2**32 - 1)}
+BCD = {9: 4, 10: 8}  # digits
+PARTS = {11: 1, 12: 8, 13: 8}  # bits of a bit and a byte of a register
+# as board/modbus/modbus_map.h numbers them
+TYPES = {1: "h", 2: "H", 3: "i", 4: "I", 5: "f", 6: "d", 7: "q", 8: "Q", 9: "H", 10: "I", 11: "H", 12: "b", 13: "B"}
+# The larger numbers of 64 bits are multiples of 2^11, which doubles have.
+RANGES = {1: (-2**15, 2**15 - 1), 2: (0, 2**16 - 1), 3: (-2**31, 2**31 - 1), 4: (0, 2**32 - 1), 7: (-2**63, 2**63 - 2**11),
+          8: (0, 2**64 - 2**11), 9: (0, 9999), 10: (0, 99999999), 11: (0, 1), 12: (-128, 127), 13: (0, 255)}
 UNITS = (1, 17, 247)
 PER_COMBINATION = 3
 
@@ -40,8 +45,8 @@ PER_COMBINATION = 3
 class Channel:
     """One value and its registers."""
 
-    def __init__(self, unit, table, address, kind, words_little, bytes_little, raw, scale, offset):
-        self.unit, self.table, self.address, self.kind = unit, table, address, kind
+    def __init__(self, unit, table, address, kind, words_little, bytes_little, raw, scale, offset, bit=0):
+        self.unit, self.table, self.address, self.kind, self.bit = unit, table, address, kind, bit
         self.words_little, self.bytes_little, self.raw, self.scale, self.offset = words_little, bytes_little, raw, scale, offset
 
     def value(self):
@@ -49,23 +54,31 @@ class Channel:
 
     def line(self):
         return (f"{self.unit} {self.table} {self.address} {self.kind} {int(self.words_little)} {int(self.bytes_little)} "
-                f"{self.scale!r} {self.offset!r} {self.value()!r}\n")
+                f"{self.bit} {self.scale!r} {self.offset!r} {self.value()!r}\n")
 
-    def registers(self):
-        """The content of the registers, or the bit."""
+    def registers(self, rest=0):
+        """The content of the registers, or the bit. `rest`: the other bits, if the value is a part of a register."""
         if self.kind == BIT:
             return [int(self.raw)]
-        data = struct.pack(">" + TYPES[self.kind], self.raw)
+        if self.kind in PARTS:
+            mask = 2**PARTS[self.kind] - 1 << self.bit
+            data = struct.pack(">H", int(self.raw) << self.bit & mask | rest & ~mask)
+        elif self.kind in BCD:
+            data = bytes.fromhex(f"{self.raw:0{BCD[self.kind]}d}")
+        else:
+            data = struct.pack(">" + TYPES[self.kind], self.raw)
         words = [data[i:i + 2] for i in range(0, len(data), 2)]
         if self.words_little:
             words.reverse()
         return [int.from_bytes(word, "little" if self.bytes_little else "big") for word in words]
 
 
-def raw_value(choose, code):
-    if code in RANGES:
-        low, high = RANGES[code]
-        return choose.choice([low, high, 0, choose.randint(low, high)])
+def raw_value(choose, kind):
+    code = TYPES[kind]
+    if kind in RANGES:
+        low, high = RANGES[kind]
+        raw = choose.choice([low, high, 0, choose.randint(low, high)])
+        return raw if abs(raw) < 2**53 else raw // 2**11 * 2**11
     return struct.unpack(code, struct.pack(code, choose.choice([0.0, -1.5, choose.uniform(-1e6, 1e6), 1e-30])))[0]
 
 
@@ -83,10 +96,11 @@ def make_channels(choose):
             address = choose.choice([0, 1, 1000, 40000])
             for kind, words, order in wanted:
                 address += choose.choice([0, 0, 0, 1, 5, 17, 300])
-                raw = choose.randint(0, 1) if kind == BIT else raw_value(choose, TYPES[kind])
+                raw = choose.randint(0, 1) if kind == BIT else raw_value(choose, kind)
                 # Powers of two, so that the raw number of a value is exact.
-                scale, offset = (1.0, 0.0) if kind in (5, 6) else (choose.choice([1.0, 0.5, -2.0]), choose.choice([0.0, 16.0]))
-                channel = Channel(unit, table, address, kind, words, order, raw, scale, offset)
+                scale, offset = (1.0, 0.0) if kind in (5, 6, 7, 8) else (choose.choice([1.0, 0.5, -2.0]), choose.choice([0.0, 16.0]))
+                bit = choose.randint(0, 15) if kind == 11 else choose.choice([0, 8]) if kind in PARTS else 0
+                channel = Channel(unit, table, address, kind, words, order, raw, scale, offset, bit)
                 channels.append(channel)
                 address += len(channel.registers())
     choose.shuffle(channels)
@@ -108,7 +122,7 @@ def device_of(unit, channels):
             if table <= 2:
                 block.append(SimData(channel.address, values=[bool(channel.raw)], datatype=DataType.BITS))
             else:
-                block.append(SimData(channel.address, values=channel.registers(), datatype=DataType.REGISTERS))
+                block.append(SimData(channel.address, values=channel.registers(rest=0xA5C3), datatype=DataType.REGISTERS))
         blocks.append(block)
     return SimDevice(unit, simdata=tuple(blocks))
 

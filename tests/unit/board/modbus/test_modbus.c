@@ -1075,6 +1075,15 @@ static void test_channels_that_are_wrong(void) {
     pair[1].address = 65533;
     expect_refused(&settings, "channel 1|65535");
     pair[1] = good;
+    pair[1].bit = 1;
+    expect_refused(&settings, "channel 1|bit is 1|at most 0");
+    pair[1].type = TL_MODBUS_REGISTER_BIT;
+    pair[1].bit = 16;
+    expect_refused(&settings, "channel 1|bit is 16|at most 15");
+    pair[1].type = TL_MODBUS_UINT8;
+    pair[1].bit = 9;
+    expect_refused(&settings, "channel 1|bit is 9|at most 8");
+    pair[1] = good;
     pair[1].scale = 0;
     expect_refused(&settings, "channel 1|scale");
     pair[1].scale = HUGE_VAL;

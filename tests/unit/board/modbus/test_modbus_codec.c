@@ -44,6 +44,17 @@ static const example EXAMPLES[] = {
     {TL_MODBUS_FLOAT64, 1, {0x3FF0, 0x0000, 0x0000, 0x0000}},
     {TL_MODBUS_FLOAT64, 0.1, {0x3FB9, 0x9999, 0x9999, 0x999A}},
     {TL_MODBUS_FLOAT64, -DBL_MAX, {0xFFEF, 0xFFFF, 0xFFFF, 0xFFFF}},
+    {TL_MODBUS_INT64, 72623859790382848.0, {0x0102, 0x0304, 0x0506, 0x0700}},
+    {TL_MODBUS_INT64, -2, {0xFFFF, 0xFFFF, 0xFFFF, 0xFFFE}},
+    {TL_MODBUS_INT64, -9223372036854775808.0, {0x8000, 0x0000, 0x0000, 0x0000}},
+    {TL_MODBUS_INT64, 9007199254740991.0, {0x001F, 0xFFFF, 0xFFFF, 0xFFFF}},
+    {TL_MODBUS_UINT64, 9223372036854775808.0, {0x8000, 0x0000, 0x0000, 0x0000}},
+    {TL_MODBUS_UINT64, 18446744073709549568.0, {0xFFFF, 0xFFFF, 0xFFFF, 0xF800}},
+    {TL_MODBUS_BCD16, 1234, {0x1234}},
+    {TL_MODBUS_BCD16, 9999, {0x9999}},
+    {TL_MODBUS_BCD16, 0, {0x0000}},
+    {TL_MODBUS_BCD32, 12345678, {0x1234, 0x5678}},
+    {TL_MODBUS_BCD32, 90, {0x0000, 0x0090}},
 };
 
 enum { EXAMPLE_COUNT = sizeof EXAMPLES / sizeof EXAMPLES[0] };
@@ -97,6 +108,95 @@ static void test_registers(void) {
     TEST_ASSERT_EQUAL_size_t(2, tl_modbus_registers(TL_MODBUS_UINT32));
     TEST_ASSERT_EQUAL_size_t(2, tl_modbus_registers(TL_MODBUS_FLOAT32));
     TEST_ASSERT_EQUAL_size_t(4, tl_modbus_registers(TL_MODBUS_FLOAT64));
+    TEST_ASSERT_EQUAL_size_t(4, tl_modbus_registers(TL_MODBUS_INT64));
+    TEST_ASSERT_EQUAL_size_t(4, tl_modbus_registers(TL_MODBUS_UINT64));
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_registers(TL_MODBUS_BCD16));
+    TEST_ASSERT_EQUAL_size_t(2, tl_modbus_registers(TL_MODBUS_BCD32));
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_registers(TL_MODBUS_REGISTER_BIT));
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_registers(TL_MODBUS_INT8));
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_registers(TL_MODBUS_UINT8));
+}
+
+/* The nearest double, as IEEE 754 rounds: 2^53 + 1 is a tie, to even. */
+static void test_integers_beyond_2_53_are_rounded(void) {
+    static const uint16_t TIE[4] = {0x0020, 0, 0, 1};
+    static const uint16_t ALL[4] = {0xFFFF, 0xFFFF, 0xFFFF, 0xFFFF};
+    tl_modbus_channel channel = channel_of(TL_MODBUS_UINT64);
+    double value = 0;
+    TEST_ASSERT_TRUE(tl_modbus_decode(&channel, TIE, &value));
+    TEST_ASSERT_EQUAL_DOUBLE(9007199254740992.0, value);
+    TEST_ASSERT_TRUE(tl_modbus_decode(&channel, ALL, &value));
+    TEST_ASSERT_EQUAL_DOUBLE(18446744073709551616.0, value);
+    channel.type = TL_MODBUS_INT64;
+    TEST_ASSERT_TRUE(tl_modbus_decode(&channel, ALL, &value));
+    TEST_ASSERT_EQUAL_DOUBLE(-1, value);
+}
+
+static void expect_wide(tl_modbus_type type, double value, uint64_t expected) {
+    tl_modbus_channel channel = channel_of(type);
+    uint16_t registers[4] = {0};
+    tl_modbus_encode(&channel, value, registers);
+    for (int i = 0; i < 4; i++) {
+        TEST_ASSERT_EQUAL_HEX16(expected >> (48 - 16 * i) & 0xFFFF, registers[i]);
+    }
+}
+
+static void test_wide_integers_saturate(void) {
+    expect_wide(TL_MODBUS_INT64, 1e300, INT64_MAX);
+    expect_wide(TL_MODBUS_INT64, -HUGE_VAL, (uint64_t)INT64_MIN);
+    expect_wide(TL_MODBUS_INT64, (double)NAN, 0);
+    expect_wide(TL_MODBUS_INT64, -2.5, UINT64_MAX - 2);
+    expect_wide(TL_MODBUS_UINT64, 18446744073709551616.0, UINT64_MAX);
+    expect_wide(TL_MODBUS_UINT64, -1, 0);
+}
+
+static void test_a_digit_above_9_is_no_number(void) {
+    for (unsigned shift = 0; shift < 16; shift += 4) {
+        for (unsigned digit = 10; digit < 16; digit++) {
+            const uint16_t one = (uint16_t)(digit << shift);
+            const uint16_t pair[2] = {0x1234, one};
+            tl_modbus_channel channel = channel_of(TL_MODBUS_BCD16);
+            double value = -1;
+            TEST_ASSERT_FALSE(tl_modbus_decode(&channel, &one, &value));
+            TEST_ASSERT_EQUAL_DOUBLE(0, value);
+            channel.type = TL_MODBUS_BCD32;
+            TEST_ASSERT_FALSE(tl_modbus_decode(&channel, pair, &value));
+            channel.words_little = true;
+            TEST_ASSERT_FALSE(tl_modbus_decode(&channel, pair, &value));
+        }
+    }
+}
+
+/* Reads a part of `raw`, then writes `value` to it. */
+static void expect_part(tl_modbus_channel channel, uint16_t raw, double read, double value, uint16_t written) {
+    double got = -1;
+    TEST_ASSERT_TRUE(tl_modbus_decode(&channel, &raw, &got));
+    TEST_ASSERT_EQUAL_DOUBLE(read, got);
+    tl_modbus_encode(&channel, value, &raw);
+    TEST_ASSERT_EQUAL_HEX16(written, raw);
+}
+
+static void test_parts_of_a_register(void) {
+    tl_modbus_channel channel = channel_of(TL_MODBUS_REGISTER_BIT);
+    for (uint8_t bit = 0; bit < 16; bit++) {
+        const uint16_t mask = (uint16_t)(1U << bit);
+        channel.bit = bit;
+        expect_part(channel, mask, 1, 0, 0);
+        expect_part(channel, (uint16_t)~mask, 0, 7, 0xFFFF);
+        channel.bytes_little = true; /* then the bits are counted in the swapped register */
+        expect_part(channel, (uint16_t)(mask << 8 | mask >> 8), 1, 0, 0);
+        channel.bytes_little = false;
+    }
+    channel = channel_of(TL_MODBUS_UINT8);
+    expect_part(channel, 0x12FE, 254, 300, 0x12FF);
+    channel.type = TL_MODBUS_INT8;
+    expect_part(channel, 0x12FE, -2, -300, 0x1280);
+    channel.bit = 8;
+    expect_part(channel, 0x80FE, -128, 18, 0x12FE);
+    channel.type = TL_MODBUS_UINT8;
+    expect_part(channel, 0x80FE, 128, -1, 0x00FE);
+    channel.bytes_little = true;
+    expect_part(channel, 0x80FE, 254, 1, 0x8001);
 }
 
 static void test_bits(void) {
@@ -154,6 +254,9 @@ static void test_integers_round_and_saturate(void) {
     TEST_ASSERT_EQUAL_HEX32(0x80000000, encoded(TL_MODBUS_INT32, -HUGE_VAL));
     TEST_ASSERT_EQUAL_HEX32(0xFFFFFFFF, encoded(TL_MODBUS_UINT32, 1e10));
     TEST_ASSERT_EQUAL_HEX32(0, encoded(TL_MODBUS_INT32, (double)NAN));
+    TEST_ASSERT_EQUAL_HEX32(0x9999, encoded(TL_MODBUS_BCD16, 10000));
+    TEST_ASSERT_EQUAL_HEX32(0x99999999, encoded(TL_MODBUS_BCD32, HUGE_VAL));
+    TEST_ASSERT_EQUAL_HEX32(0, encoded(TL_MODBUS_BCD32, -1));
 }
 
 static void test_floats_saturate(void) {
@@ -196,6 +299,10 @@ int main(void) {
     RUN_TEST(test_every_type_in_every_order);
     RUN_TEST(test_the_four_orders_differ);
     RUN_TEST(test_registers);
+    RUN_TEST(test_integers_beyond_2_53_are_rounded);
+    RUN_TEST(test_wide_integers_saturate);
+    RUN_TEST(test_a_digit_above_9_is_no_number);
+    RUN_TEST(test_parts_of_a_register);
     RUN_TEST(test_bits);
     RUN_TEST(test_scale_and_offset);
     RUN_TEST(test_integers_round_and_saturate);

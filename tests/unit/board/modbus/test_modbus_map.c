@@ -196,6 +196,30 @@ static void test_split_leaves_out_gaps_then_is_single(void) {
     expect_sound();
 }
 
+static void add_part(unsigned address, tl_modbus_type type, uint8_t bit) {
+    add(address, type);
+    channels[channel_count - 1].bit = bit;
+}
+
+static void test_parts_of_a_register_stay_together(void) {
+    add_part(5, TL_MODBUS_REGISTER_BIT, 3);
+    add_part(6, TL_MODBUS_UINT8, 8);
+    add_part(5, TL_MODBUS_REGISTER_BIT, 0);
+    add_part(5, TL_MODBUS_INT8, 8);
+    add(7, TL_MODBUS_INT32);
+    add(7, TL_MODBUS_INT32);
+    make();
+    TEST_ASSERT_EQUAL_size_t(1, map.read_count);
+    expect_read(0, 5, 4, 6);
+    TEST_ASSERT_EQUAL_size_t(4, tl_modbus_map_split(&map, 0));
+    expect_read(0, 5, 1, 3);
+    expect_read(1, 6, 1, 1);
+    expect_read(2, 7, 2, 1);
+    expect_read(3, 7, 2, 1);
+    expect_sound();
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_map_split(&map, 0));
+}
+
 static void test_split_without_gaps_is_single_at_once(void) {
     add(0, TL_MODBUS_INT16);
     add(1, TL_MODBUS_INT16);
@@ -217,6 +241,7 @@ int main(void) {
     RUN_TEST(test_overlap_and_twice_the_same);
     RUN_TEST(test_the_last_register);
     RUN_TEST(test_split_leaves_out_gaps_then_is_single);
+    RUN_TEST(test_parts_of_a_register_stay_together);
     RUN_TEST(test_split_without_gaps_is_single_at_once);
     return UNITY_END();
 }
