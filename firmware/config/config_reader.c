@@ -51,7 +51,7 @@ void tl_config_list_names(const char *what, const cJSON *section, const char *co
     const cJSON *entry = NULL;
     size_t used = (size_t)snprintf(text, size, "%s", what);
     cJSON_ArrayForEach(entry, section) {
-        if (used < size && (kinds == NULL || tl_config_is_of_kind(entry, kinds))) {
+        if (used < size && entry->string != NULL && (kinds == NULL || tl_config_is_of_kind(entry, kinds))) {
             tl_text_for_people(entry->string, name, sizeof name);
             used += (size_t)snprintf(text + used, size - used, "%s%s", before, name);
             before = ", ";

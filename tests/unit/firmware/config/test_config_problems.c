@@ -666,6 +666,16 @@ static void test_delays(void) {
     EXPECT_EACH(full, changes);
 }
 
+/* The message lists the names of participants: an array has none. */
+static void test_participants_without_names(void) {
+    char *changed = tl_test_replaced(full, "\"participants\": {", "\"participants\": [5], \"odd\": {");
+    TEST_ASSERT_NOT_NULL(changed);
+    tl_test_judge_text(changed, strlen(changed), &verdict);
+    free(changed);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, verdict.status);
+    TEST_ASSERT_EQUAL_STRING("delays.participants", verdict.problems[0].where);
+}
+
 static void test_delays_of_other_kinds(void) {
     static const tl_test_change changes[] = {
         {"\"step_s\": 0.1", "\"step_s\": 0.1, \"delays\": {\"participants\": {\"bus\": {\"cycle_s\": 1}}}", "delays",
@@ -1016,6 +1026,7 @@ int main(void) {
     RUN_TEST(test_running);
     RUN_TEST(test_emulate);
     RUN_TEST(test_delays);
+    RUN_TEST(test_participants_without_names);
     RUN_TEST(test_delays_of_other_kinds);
     RUN_TEST(test_delays_without_a_step);
     RUN_TEST(test_between_readings);
