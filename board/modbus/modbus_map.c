@@ -218,10 +218,18 @@ static double raw_of(tl_modbus_type type, uint64_t bits) {
     return (double)bits;
 }
 
+static bool is_available(const tl_modbus_channel *channel, double raw) {
+    size_t i = 0;
+    while (i < channel->code_count && raw != channel->codes[i]) {
+        i++;
+    }
+    return i == channel->code_count;
+}
+
 bool tl_modbus_decode(const tl_modbus_channel *channel, const uint16_t *registers, double *value) {
     const double raw = raw_of(channel->type, join_words(channel, registers) >> channel->bit);
     *value = raw * channel->scale + channel->offset;
-    if (!isfinite(*value)) {
+    if (!isfinite(*value) || !is_available(channel, raw)) {
         *value = 0;
         return false;
     }

@@ -82,6 +82,8 @@ typedef enum tl_modbus_type {
     TL_MODBUS_UINT8
 } tl_modbus_type;
 
+enum { TL_MODBUS_CODES = 4 }; /* most values of a channel that mean "not available" */
+
 /* Position of one signal in the server's register map. */
 typedef struct tl_modbus_channel {
     uint8_t unit_id; /* 0..247, 255; on a line 1..247 */
@@ -93,6 +95,8 @@ typedef struct tl_modbus_channel {
     uint8_t bit;       /* part of a register: its lowest bit, 0 … 15; of a byte 0 or 8 */
     double scale;      /* value = raw·scale + offset; not 0 */
     double offset;
+    double codes[TL_MODBUS_CODES]; /* raw values that mean "not available" */
+    size_t code_count;
 } tl_modbus_channel;
 
 /* True for coils and discrete inputs, which contain bits. The other tables contain registers. */
@@ -105,8 +109,8 @@ size_t tl_modbus_registers(tl_modbus_type type);
 unsigned tl_modbus_part_bits(tl_modbus_type type);
 
 /* Converts raw registers to a value and back. `registers` has tl_modbus_registers() elements.
- * decode: if the value is not finite, or a BCD digit is above 9, returns false and sets
- *         *value to 0.
+ * decode: if the value is not finite, a BCD digit is above 9, or raw is one of `codes`, returns
+ *         false and sets *value to 0.
  * encode: an integer or bit gets the nearest integer: values out of range saturate, also
  *         infinities, and NaN becomes 0. A float32 saturates finite values only. A part of a
  *         register does not change the other bits. */

@@ -1,13 +1,18 @@
 /* `sources.NAME.modbus_tcp`, `sources.NAME.modbus_rtu` and `plant.NAME.modbus`: the two rows of the
  * driver board/modbus. */
 #include <arpa/inet.h>
+#include <float.h>
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
+#include "board/io/bits.h"
 #include "board/modbus/modbus.h"
 #include "firmware/config/config_change.h"
 #include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
+
+enum { EXPECTED = 160 };
 
 /* ---- sources.NAME ---- */
 
@@ -150,6 +155,75 @@ static void read_part(tl_config_object *object, tl_modbus_channel *channel) {
     channel->bit = (uint8_t)(8.0 * (double)part + bit);
 }
 
+/* The raw numbers of a type. A signed integer may also be written as the content of its register. */
+static tl_config_number raw_rule(tl_modbus_type type) {
+    switch (type) {
+    case TL_MODBUS_FLOAT32:
+        return (tl_config_number){.minimum = -(double)FLT_MAX, .maximum = (double)FLT_MAX};
+    case TL_MODBUS_FLOAT64:
+        return (tl_config_number){.minimum = -DBL_MAX, .maximum = DBL_MAX};
+    case TL_MODBUS_BCD16:
+        return (tl_config_number){.whole = true, .maximum = 9999};
+    case TL_MODBUS_BCD32:
+        return (tl_config_number){.whole = true, .maximum = 99999999};
+    case TL_MODBUS_INT8:
+        return (tl_config_number){.whole = true, .minimum = INT8_MIN, .maximum = UINT8_MAX};
+    case TL_MODBUS_INT16:
+        return (tl_config_number){.whole = true, .minimum = INT16_MIN, .maximum = UINT16_MAX};
+    case TL_MODBUS_INT32:
+        return (tl_config_number){.whole = true, .minimum = INT32_MIN, .maximum = UINT32_MAX};
+    case TL_MODBUS_INT64: /* a double cannot hold the content of all registers */
+        return (tl_config_number){.whole = true, .minimum = -0x1p63, .maximum = 0x1p63};
+    case TL_MODBUS_UINT8:
+        return (tl_config_number){.whole = true, .maximum = UINT8_MAX};
+    case TL_MODBUS_UINT32:
+        return (tl_config_number){.whole = true, .maximum = UINT32_MAX};
+    case TL_MODBUS_UINT64:
+        return (tl_config_number){.whole = true, .maximum = 0x1p64};
+    case TL_MODBUS_UINT16:
+    case TL_MODBUS_BIT:
+    case TL_MODBUS_REGISTER_BIT:
+        break;
+    }
+    return (tl_config_number){.whole = true, .maximum = UINT16_MAX};
+}
+
+/* The number that the driver reads if a device sends this one. */
+static double as_read(const tl_modbus_channel *channel, double code) {
+    const double turns = ldexp(1, channel->type == TL_MODBUS_INT8 ? 8 : 16 * (int)tl_modbus_registers(channel->type));
+    const bool is_signed = channel->type == TL_MODBUS_INT8 || channel->type == TL_MODBUS_INT16 ||
+                           channel->type == TL_MODBUS_INT32 || channel->type == TL_MODBUS_INT64;
+    if (channel->type == TL_MODBUS_FLOAT32) {
+        return tl_bits_to_float32(tl_bits_of_float32(code));
+    }
+    return is_signed && code >= turns / 2 ? code - turns : code;
+}
+
+static void read_codes(tl_config_object *object, tl_modbus_channel *channel) {
+    char expected[EXPECTED];
+    const tl_config_number rule = raw_rule(channel->type);
+    if (channel->type == TL_MODBUS_BIT || channel->type == TL_MODBUS_REGISTER_BIT) {
+        return; /* the key is unknown */
+    }
+    (void)snprintf(expected, sizeof expected, "an array of 1 to %d %s from %.15g to %.15g", (int)TL_MODBUS_CODES,
+                   rule.whole ? "whole numbers" : "numbers", rule.minimum, rule.maximum);
+    const cJSON *codes = tl_config_get_array(object, "not_available", expected, "[32768]");
+    const cJSON *code = NULL;
+    bool is_right = cJSON_GetArraySize(codes) >= 1 && cJSON_GetArraySize(codes) <= TL_MODBUS_CODES;
+    cJSON_ArrayForEach(code, codes) {
+        const double number = code->valuedouble;
+        is_right = is_right && cJSON_IsNumber(code) && number >= rule.minimum && number <= rule.maximum &&
+                   (!rule.whole || number == floor(number));
+        if (is_right) {
+            channel->codes[channel->code_count] = as_read(channel, number);
+            channel->code_count++;
+        }
+    }
+    if (codes != NULL && !is_right) {
+        tl_config_wrong(object, "not_available", NULL, expected, "[32768]");
+    }
+}
+
 /* Called after the type is known, because the last register must exist. */
 static void read_address(tl_config_object *object, tl_modbus_channel *channel) {
     static const tl_config_number rule = {
@@ -179,6 +253,7 @@ static void read_signal(tl_config_object *object, const cJSON *named, tl_config_
     read_unit_id(object, named, channel);
     read_table_and_type(object, channel);
     read_part(object, channel);
+    read_codes(object, channel);
     read_address(object, channel);
     channel->words_little = is_little(object, "words");
     channel->bytes_little = is_little(object, "bytes");

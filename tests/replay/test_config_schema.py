@@ -32,6 +32,9 @@ MODBUS = os.path.join(SOURCE, "tests", "support", "configuration_modbus.json")
 EVENT = os.path.join(SOURCE, "tests", "support", "configuration_event.json")  # excludes a horizon of steps
 MUTANTS = 600
 SOLVERS = {1: "nelder-mead", 100: "l-bfgs", 1000: "bobyqa"}  # the dissertation's numbers
+CODES = {"int8": (-2**7, 2**8 - 1), "uint8": (0, 2**8 - 1), "int16": (-2**15, 2**16 - 1), "uint16": (0, 2**16 - 1),
+         "int32": (-2**31, 2**32 - 1), "uint32": (0, 2**32 - 1), "int64": (-2**63, 2**63), "uint64": (0, 2**64),
+         "bcd16": (0, 9999), "bcd32": (0, 99999999), "float32": (-(2 - 2**-23) * 2**127, (2 - 2**-23) * 2**127)}
 REGISTERS = {"int32": 2, "uint32": 2, "float32": 2, "bcd32": 2, "int64": 4, "uint64": 4, "float64": 4}
 VALUES = [None, True, False, "", "text", "a\tb", "plant.omega", "motor.omega", "nobody.omega", "plant.nobody", "plc", "stream",
           "holding", "coil", "bit", "int16", "float64", "boolean", 0, -1, 1, 2, 3, 1.5, 5.0, 0.5, 1e-6, 1e-5, 3600, 3601,
@@ -185,6 +188,12 @@ def is_each_line_used_once(document):
     return len(set(devices)) == len(devices) and len(set(lines)) == len(lines)
 
 
+def codes_hold(modbus):
+    low, high = CODES.get(modbus.get("type"), (float("-inf"), float("inf")))
+    return all(low <= code <= high and (modbus["type"].startswith("float") or code == int(code))
+               for code in modbus.get("not_available", []))
+
+
 def signal_holds(document, signal):
     modbus, can, gpio = signal.get("modbus"), signal.get("can"), signal.get("gpio")
     sources = document.get("sources", {})
@@ -197,6 +206,7 @@ def signal_holds(document, signal):
             and can_holds(can)
             and (not gpio or gpio_holds(sources, gpio))
             and (not modbus or "modbus_rtu" not in sources[modbus["source"]] or 1 <= modbus.get("unit_id", 1) <= 247)
+            and (not modbus or codes_hold(modbus))
             and (not modbus or modbus["address"] + REGISTERS.get(modbus.get("type"), 1) <= 65536))
 
 

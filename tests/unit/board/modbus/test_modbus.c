@@ -324,6 +324,24 @@ static void test_a_float_that_is_no_number(void) {
     tl_probe_expect_link(&probe, true, "connected");
 }
 
+/* Its neighbours in the same request are good. */
+static void test_a_value_that_is_not_available(void) {
+    add(257);
+    add(258);
+    add_of(1, TL_MODBUS_HOLDING, 259, TL_MODBUS_BCD16); /* 0x0103 */
+    add_of(1, TL_MODBUS_HOLDING, 266, TL_MODBUS_BCD16); /* 0x010A has no digit */
+    channels[1].codes[0] = 258;
+    channels[1].code_count = 1;
+    start_peer(sane);
+    open_driver("127.0.0.1", other.port, 10);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 257, TL_GOOD);
+    tl_probe_expect(&probe, 1, 0, TL_NOT_A_NUMBER);
+    tl_probe_expect(&probe, 2, 103, TL_GOOD);
+    tl_probe_expect(&probe, 3, 0, TL_NOT_A_NUMBER);
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_peer_requests(&other));
+}
+
 static void test_the_request_as_it_is_written(void) {
     /* after the transaction */
     static const uint8_t EXPECTED[] = {0, 0, 0, 6, 17, 4, 0x12, 0x34, 0, 4};
@@ -1098,6 +1116,7 @@ int main(void) {
     RUN_TEST(test_every_type_order_and_table);
     RUN_TEST(test_more_than_one_request_holds);
     RUN_TEST(test_a_float_that_is_no_number);
+    RUN_TEST(test_a_value_that_is_not_available);
     RUN_TEST(test_the_request_as_it_is_written);
     RUN_TEST(test_no_channels);
     RUN_TEST(test_an_absent_server_that_comes);

@@ -286,6 +286,23 @@ static void test_what_is_not_finite(void) {
     expect_not_finite(TL_MODBUS_FLOAT64, 0x7FE0, 0x0000, 10); /* finite, but not after scaling */
 }
 
+/* The codes apply before the scale. */
+static void test_codes_that_mean_not_available(void) {
+    static const uint16_t RAW[] = {0x8000, 0xFFFF, 0x7FFF, 5};
+    static const bool EXPECTED[] = {false, false, true, true};
+    tl_modbus_channel channel = channel_of(TL_MODBUS_INT16);
+    channel.scale = 5;
+    channel.codes[0] = -32768;
+    channel.codes[1] = -1;
+    channel.codes[2] = 25; /* is not used */
+    channel.code_count = 2;
+    for (size_t i = 0; i < 4; i++) {
+        double value = -1;
+        TEST_ASSERT_EQUAL(EXPECTED[i], tl_modbus_decode(&channel, &RAW[i], &value));
+        TEST_ASSERT_EQUAL_DOUBLE(EXPECTED[i] ? 5.0 * (int16_t)RAW[i] : 0, value);
+    }
+}
+
 static void test_nan_goes_through_floats(void) {
     tl_modbus_channel channel = channel_of(TL_MODBUS_FLOAT64);
     uint16_t registers[4] = {0};
@@ -308,6 +325,7 @@ int main(void) {
     RUN_TEST(test_integers_round_and_saturate);
     RUN_TEST(test_floats_saturate);
     RUN_TEST(test_what_is_not_finite);
+    RUN_TEST(test_codes_that_mean_not_available);
     RUN_TEST(test_nan_goes_through_floats);
     return UNITY_END();
 }
