@@ -27,10 +27,10 @@
 /* Pause after waiting for silent requests, as a multiple of that time. */
 #define REST 4
 
-enum { TEXT = 320, SILENCES_ON_A_LINE = 2 };
+enum { TEXT = 320, SILENCES_ON_A_LINE = 2, SILENCES_BEFORE_SPLIT = 2 };
 
 /* Exceptions. */
-enum { ILLEGAL_ADDRESS = 2, ILLEGAL_VALUE = 3 };
+enum { ILLEGAL_ADDRESS = 2, ILLEGAL_VALUE = 3, DEVICE_FAILURE = 4 };
 
 struct tl_plant_io {
     tl_modbus_link *link;
@@ -40,7 +40,9 @@ struct tl_plant_io {
     tl_backoff backoff;    /* of tries to connect */
     tl_time silent_due;    /* no silent request is repeated before this time */
     size_t start;          /* first request of the next poll */
-    uint64_t polls;        /* so far */
+    bool split_failed;
+    size_t mute_polls; /* polls in a row with a connection and without an answer */
+    uint64_t polls;    /* so far */
     tl_modbus_values values;
 };
 
@@ -107,9 +109,10 @@ static void post_values(const tl_plant_io *io, const tl_plant_io_sink *sink, con
 }
 
 /* True if the device may answer a smaller request. */
-static bool is_split_useful(const tl_modbus_outcome *outcome) {
+static bool is_split_useful(const tl_plant_io *io, const tl_modbus_outcome *outcome) {
     return outcome->kind == TL_MODBUS_EXCEPTION &&
-           (outcome->found == ILLEGAL_ADDRESS || outcome->found == ILLEGAL_VALUE);
+           (outcome->found == ILLEGAL_ADDRESS || outcome->found == ILLEGAL_VALUE ||
+            (outcome->found == DEVICE_FAILURE && io->split_failed));
 }
 
 /* Records a missing or wrong answer; its meaning is known at the end of the poll. */
@@ -156,7 +159,7 @@ static tl_modbus_outcome request_values(tl_plant_io *io, size_t index, tl_time *
     tl_modbus_read *read = &io->map.reads[index];
     tl_modbus_outcome outcome = io->link->kind->ask(io->link, read, &io->values);
     *stamp = tl_monotonic_now();
-    while (is_split_useful(&outcome)) {
+    while (is_split_useful(io, &outcome)) {
         size_t parts = tl_modbus_map_split(&io->map, index);
         if (parts == 1) {
             break;
@@ -232,6 +235,19 @@ static void send_due(tl_plant_io *io, bool silent_ones, progress *now) {
     }
 }
 
+/* The requests after an outage: joined ones, because it may be another device by now. If it does not
+ * answer these, one address may be the cause: then each value is tried once by itself. */
+static void reset_requests(tl_plant_io *io) {
+    const bool is_mute = io->split_failed && io->mute_polls >= SILENCES_BEFORE_SPLIT;
+    if (is_mute && io->mute_polls == SILENCES_BEFORE_SPLIT) {
+        tl_modbus_map_reset(&io->map, TL_MODBUS_SINGLE);
+    } else if (!is_mute || io->mute_polls >= SILENCES_BEFORE_SPLIT + io->map.read_count) {
+        io->mute_polls = is_mute ? 0 : io->mute_polls;
+        tl_modbus_map_reset(&io->map, TL_MODBUS_GAPS);
+    }
+    io->start = io->start < io->map.read_count ? io->start : 0;
+}
+
 /* No answer at all: the link is down and the next try waits. Silence of single requests is dropped.
  */
 static void set_link_down(tl_plant_io *io, const tl_plant_io_sink *sink, const char *cause) {
@@ -256,10 +272,21 @@ static bool is_connected(tl_plant_io *io, progress *now) {
         return false;
     }
     if (!tl_link_is_up(&io->state)) {
-        tl_modbus_map_reset(&io->map); /* it may be another device by now */
-        io->start = io->start < io->map.read_count ? io->start : 0;
+        reset_requests(io);
     }
     return true;
+}
+
+/* Splits a request that was silent before. Returns the number of parts; 1: it is not split. */
+static size_t split_silent(tl_plant_io *io, size_t index, tl_time end) {
+    const bool is_again = io->split_failed && tl_backoff_is_on(&io->map.reads[index].backoff);
+    const size_t parts = is_again ? tl_modbus_map_split(&io->map, index) : 1;
+    for (size_t i = index; parts > 1 && i < index + parts; i++) {
+        io->map.reads[i].silent = io->polls;
+        io->map.reads[i].hold = io->link->kind->is_line ? end + io->link->timeout : 0;
+    }
+    io->start += index < io->start ? parts - 1 : 0;
+    return parts;
 }
 
 /* Other requests were answered: these are asked later and less often. */
@@ -268,7 +295,10 @@ static void pause_silent(tl_plant_io *io, const progress *now) {
     io->silent_due = end + REST * now->waited;
     for (size_t i = 0; i < io->map.read_count; i++) {
         tl_modbus_read *read = &io->map.reads[i];
-        if (read->silent == io->polls) {
+        const size_t parts = read->silent == io->polls ? split_silent(io, i, end) : 1;
+        if (parts > 1) {
+            i += parts - 1;
+        } else if (read->silent == io->polls) {
             note_trouble(io, now->sink, read, read->failure);
             tl_backoff_fail(&read->backoff, end);
         } else if (io->link->kind->is_line && is_unit_silent(io, read->unit_id)) {
@@ -283,6 +313,7 @@ static void send_all_due(tl_plant_io *io, progress *now) {
     send_due(io, true, now);
     if (now->answered) {
         tl_backoff_reset(&io->backoff);
+        io->mute_polls = 0;
     }
     now->interrupted = (now->silent > 0 || now->over) && tl_wake_clear(&io->link->wake);
     if (now->silent == 0 || now->interrupted) {
@@ -293,6 +324,7 @@ static void send_all_due(tl_plant_io *io, progress *now) {
     } else {
         char text[TEXT];
         describe_outcome(io, &now->failure, text, sizeof text);
+        io->mute_polls++;
         set_link_down(io, now->sink, text);
     }
 }
@@ -390,6 +422,10 @@ static tl_status check(const tl_modbus_settings *settings, tl_error *error) {
     if (device != NULL && tl_modbus_line_check(&settings->line, error) != TL_OK) {
         return TL_BAD_DATA;
     }
+    if (settings->most_registers > TL_MODBUS_MAX_REGISTERS) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus %s: most_registers is %u (expected 1 to 125)",
+                       device != NULL ? device : settings->host, (unsigned)settings->most_registers);
+    }
     for (size_t i = 0; i < settings->channel_count; i++) {
         if (check_channel(&settings->channels[i], i, error) != TL_OK ||
             check_unit(&settings->channels[i], i, device != NULL, error) != TL_OK) {
@@ -418,7 +454,9 @@ tl_status tl_modbus_open(const tl_modbus_settings *settings, tl_plant_io **io, t
         free(made);
         return status;
     }
-    if (!tl_modbus_map_make(&made->map, settings->channels, settings->channel_count)) {
+    made->split_failed = settings->split_failed;
+    if (!tl_modbus_map_make(&made->map, settings->channels, settings->channel_count,
+                            settings->most_registers > 0 ? settings->most_registers : TL_MODBUS_MAX_REGISTERS)) {
         made->link->kind->release(made->link);
         free(made);
         return tl_fail(error, TL_TRY_AGAIN, "Modbus %s: not enough memory", name);

@@ -14,6 +14,10 @@
  *          number of bytes are right. Otherwise it posts TL_NO_LINK and reports the problem once.
  *          It also closes the TCP connection, because late bytes could be taken for the next
  *          answer.
+ * Split:   a request for several values is split if the device rejects it (exceptions 2 and 3).
+ *          With split_failed also after exception 4, and if its answer is missing or wrong twice in
+ *          a row while others are answered. If no request is answered in two polls in a row, the
+ *          driver tries each value once by itself, then joined requests again.
  * Bound:   TCP: a poll waits at most timeout_s to connect and timeout_s for each response. The
  *          first missing or wrong response ends the poll. If the server sends more bytes than
  *          requested, the driver connects again before each request. If `host` is a name, each
@@ -47,8 +51,10 @@ typedef struct tl_modbus_settings {
     const char *host; /* name or address; ignored if line.device is set */
     uint16_t port;
     bool any_unit_id; /* TCP: accept answers with another unit than the request; some devices and gateways send them */
-    tl_modbus_line line; /* line.device: NULL for TCP */
-    double timeout_s;    /* longest wait for a connection, and for a response, s; 0.001 … 3600 */
+    tl_modbus_line line;    /* line.device: NULL for TCP */
+    uint8_t most_registers; /* of a request with several values, 1 … 125; 0: 125 */
+    bool split_failed;      /* also split a request after exception 4, and if its answer fails twice in a row */
+    double timeout_s;       /* longest wait for a connection, and for a response, s; 0.001 … 3600 */
     const tl_modbus_channel *channels;
     size_t channel_count;
 } tl_modbus_settings;

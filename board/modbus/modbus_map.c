@@ -342,10 +342,10 @@ static tl_modbus_read single(const tl_modbus_map *map, size_t entry, tl_modbus_g
 }
 
 /* Adds a channel to this request if possible; returns whether it was. */
-static bool extend(tl_modbus_read *read, const tl_modbus_channel *channel) {
+static bool extend(tl_modbus_read *read, const tl_modbus_channel *channel, size_t most_registers) {
     bool bits = tl_modbus_is_bit_table(read->table);
     size_t gap = bits ? TL_MODBUS_GAP_BITS : TL_MODBUS_GAP_REGISTERS;
-    size_t most = bits ? TL_MODBUS_MAX_BITS : TL_MODBUS_MAX_REGISTERS;
+    size_t most = bits ? TL_MODBUS_MAX_BITS : most_registers;
     size_t end = (size_t)read->address + read->count;
     size_t new_end = end_of(channel) > end ? end_of(channel) : end;
     bool is_same_register =
@@ -367,7 +367,7 @@ static size_t group(const tl_modbus_map *map, size_t first, size_t entries, tl_m
                     tl_modbus_read *reads) {
     size_t count = 0;
     for (size_t entry = first; entry < first + entries; entry++) {
-        if (count == 0 || !extend(&reads[count - 1], &map->entries[entry].channel)) {
+        if (count == 0 || !extend(&reads[count - 1], &map->entries[entry].channel, map->most_registers)) {
             reads[count] = single(map, entry, grain);
             count++;
         }
@@ -375,7 +375,7 @@ static size_t group(const tl_modbus_map *map, size_t first, size_t entries, tl_m
     return count;
 }
 
-bool tl_modbus_map_make(tl_modbus_map *map, const tl_modbus_channel *channels, size_t count) {
+bool tl_modbus_map_make(tl_modbus_map *map, const tl_modbus_channel *channels, size_t count, size_t most_registers) {
     size_t room = count > 0 ? count : 1;
     *map = (tl_modbus_map){.entries = calloc(room, sizeof *map->entries), .reads = calloc(room, sizeof *map->reads)};
     if (map->entries == NULL || map->reads == NULL) {
@@ -387,13 +387,14 @@ bool tl_modbus_map_make(tl_modbus_map *map, const tl_modbus_channel *channels, s
         map->entries[i].index = i;
     }
     map->entry_count = count;
+    map->most_registers = most_registers;
     qsort(map->entries, count, sizeof *map->entries, compare);
-    tl_modbus_map_reset(map);
+    tl_modbus_map_reset(map, TL_MODBUS_GAPS);
     return true;
 }
 
-void tl_modbus_map_reset(tl_modbus_map *map) {
-    map->read_count = group(map, 0, map->entry_count, TL_MODBUS_GAPS, map->reads);
+void tl_modbus_map_reset(tl_modbus_map *map, tl_modbus_grain grain) {
+    map->read_count = group(map, 0, map->entry_count, grain, map->reads);
 }
 
 size_t tl_modbus_map_split(tl_modbus_map *map, size_t read) {
@@ -405,7 +406,7 @@ size_t tl_modbus_map_split(tl_modbus_map *map, size_t read) {
     for (int grain = (int)old.grain + 1; grain <= TL_MODBUS_SINGLE; grain++) {
         tl_modbus_read probe = single(map, old.first, (tl_modbus_grain)grain);
         size_t joined = 1;
-        while (joined < old.entries && extend(&probe, &map->entries[old.first + joined].channel)) {
+        while (joined < old.entries && extend(&probe, &map->entries[old.first + joined].channel, map->most_registers)) {
             joined++;
         }
         if (joined < old.entries) { /* this grain makes it smaller */

@@ -123,7 +123,7 @@ void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *
  * Purpose: channels of one unit and table with near addresses share a request. If a server rejects
  *          such a request, the driver splits it: first into requests without unused registers, then
  *          into one request per value. Parts of one register stay together.
- * Limits:  125 registers or 2000 bits per request (MODBUS Application Protocol 1.1b3, 6.1 to 6.4).
+ * Limits:  most_registers (at most 125) or 2000 bits per request (MODBUS Application Protocol 1.1b3, 6.1 to 6.4).
  *          A value is never split over two requests, so it is always consistent.
  * Bound:   make O(n log n), split O(n); only make allocates. There are never more requests than
  *          channels.
@@ -170,15 +170,17 @@ typedef struct tl_modbus_map {
     size_t entry_count;
     tl_modbus_read *reads; /* in the same order */
     size_t read_count;
+    size_t most_registers; /* of a request with several values */
 } tl_modbus_map;
 
 /* Initialises the map without freeing an old one. Copies the channels, which must be valid
- * (tl_modbus_open() checks them). Returns false if memory is out; then the map is empty. */
-bool tl_modbus_map_make(tl_modbus_map *map, const tl_modbus_channel *channels, size_t count);
+ * (tl_modbus_open() checks them). `most_registers`: 1 to TL_MODBUS_MAX_REGISTERS. Returns false if
+ * memory is out; then the map is empty. */
+bool tl_modbus_map_make(tl_modbus_map *map, const tl_modbus_channel *channels, size_t count, size_t most_registers);
 
-/* Undoes all splits: groups the channels as tl_modbus_map_make() does. Clears the driver's fields
- * of all requests. */
-void tl_modbus_map_reset(tl_modbus_map *map);
+/* Undoes all splits: groups the channels again, with TL_MODBUS_GAPS as tl_modbus_map_make() does.
+ * Clears the driver's fields of all requests. */
+void tl_modbus_map_reset(tl_modbus_map *map, tl_modbus_grain grain);
 
 /* Splits the request at index `read`. Its parts replace it; the indices of later requests increase.
  * Returns the number of parts; 1: the request cannot be split. */

@@ -22,6 +22,16 @@ static void read_timeout(tl_config_object *object, tl_modbus_settings *settings)
     (void)tl_config_get_number(object, "timeout_s", &timeout, &settings->timeout_s);
 }
 
+/* How devices are asked, by TCP and on a line. */
+static void read_manners(tl_config_object *object, tl_modbus_settings *settings) {
+    static const tl_config_number most = {
+        .whole = true, .minimum = 1, .maximum = TL_MODBUS_MAX_REGISTERS, .example = "16"};
+    double most_registers = TL_MODBUS_MAX_REGISTERS;
+    (void)tl_config_get_number(object, "most_registers", &most, &most_registers);
+    (void)tl_config_get_boolean(object, "split_failed", &settings->split_failed);
+    settings->most_registers = (uint8_t)most_registers;
+}
+
 static void read_tcp_source(tl_config_object *object, tl_config_source *source) {
     static const tl_config_number port_rule = {.whole = true, .minimum = 1, .maximum = 65535, .example = "502"};
     tl_modbus_settings *settings = source->settings;
@@ -30,6 +40,7 @@ static void read_tcp_source(tl_config_object *object, tl_config_source *source) 
     (void)tl_config_get_number(object, "port", &port_rule, &port);
     (void)tl_config_get_boolean(object, "any_unit_id", &settings->any_unit_id);
     read_timeout(object, settings);
+    read_manners(object, settings);
     settings->port = (uint16_t)port;
 }
 
@@ -92,6 +103,7 @@ static void read_rtu_source(tl_config_object *object, tl_config_source *source) 
     (void)tl_config_get_number(object, "stop_bits", &stop_rule, &stop_bits);
     (void)tl_config_get_boolean(object, "rs485", &line->rs485);
     read_timeout(object, settings);
+    read_manners(object, settings);
     line->parity = "EON"[parity];
     line->stop_bits = (uint8_t)stop_bits;
 }
@@ -300,7 +312,9 @@ static tl_status open_modbus(const tl_config_source *source, const char *path, c
 
 static const tl_change_rule TCP_RULES[] = {
     {"sources.*.modbus_tcp.any_unit_id", TL_RULE_RETUNE, NULL},
+    {"sources.*.modbus_tcp.most_registers", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.period_s", TL_RULE_RETUNE, NULL},
+    {"sources.*.modbus_tcp.split_failed", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.timeout_s", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.**", TL_RULE_COMMISSION, NULL},
     {"plant.*.modbus.**", TL_RULE_COMMISSION, NULL},
@@ -308,7 +322,9 @@ static const tl_change_rule TCP_RULES[] = {
 };
 
 static const tl_change_rule RTU_RULES[] = {
+    {"sources.*.modbus_rtu.most_registers", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_rtu.period_s", TL_RULE_RETUNE, NULL},
+    {"sources.*.modbus_rtu.split_failed", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_rtu.timeout_s", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_rtu.**", TL_RULE_COMMISSION, NULL},
     {NULL, TL_RULE_COMMISSION, NULL},

@@ -25,6 +25,7 @@ static tl_modbus_channel channels[CHANNELS];
 static size_t channel_count;
 static bool any_unit_id;
 static bool on_a_line;
+static bool split_failed;
 
 /* Reads channels of 4 bytes each: unit, table and order; type and scale; address. */
 static void read_channels(void) {
@@ -32,6 +33,7 @@ static void read_channels(void) {
     unsigned head = tl_fuzz_take();
     on_a_line = (head & 0x80) != 0;
     any_unit_id = (head & 0x40) != 0;
+    split_failed = (head & 0x20) != 0;
     channel_count = 1 + head % CHANNELS;
     for (size_t i = 0; i < channel_count; i++) {
         unsigned where = tl_fuzz_take();
@@ -329,6 +331,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         .host = "fuzz",
         .any_unit_id = any_unit_id,
         .line = {.device = on_a_line ? "fuzz" : NULL, .baud = 19200, .parity = 'N', .stop_bits = 2},
+        .most_registers = split_failed ? 3 : 0,
+        .split_failed = split_failed,
         .timeout_s = 0.5,
         .channels = channels,
         .channel_count = channel_count};

@@ -183,6 +183,19 @@ static int has_a_hole(const uint8_t *request, uint8_t *reply) {
     return end > 4 && address_of(request) < 10 ? exception(request, reply, 2) : sane(request, reply);
 }
 
+/* Register 4 does not exist. */
+static bool has_4(const uint8_t *request) {
+    return address_of(request) <= 4 && address_of(request) + count_of(request) > 4;
+}
+
+static int fails_at_4(const uint8_t *request, uint8_t *reply) {
+    return has_4(request) ? exception(request, reply, 4) : sane(request, reply);
+}
+
+static int is_silent_at_4(const uint8_t *request, uint8_t *reply) {
+    return has_4(request) ? NO_ANSWER : sane(request, reply);
+}
+
 /* At most two registers per request. */
 static int is_narrow(const uint8_t *request, uint8_t *reply) {
     return count_of(request) > 2 ? exception(request, reply, 3) : sane(request, reply);
@@ -204,9 +217,19 @@ static void add(unsigned address) {
     add_of(1, TL_MODBUS_HOLDING, address, TL_MODBUS_UINT16);
 }
 
-static void open_driver(const char *host, uint16_t port, double timeout_s) {
-    const tl_modbus_settings settings = {
+static tl_modbus_settings settings_for(const char *host, uint16_t port, double timeout_s) {
+    return (tl_modbus_settings){
         .host = host, .port = port, .timeout_s = timeout_s, .channels = channels, .channel_count = channel_count};
+}
+
+static void open_driver(const char *host, uint16_t port, double timeout_s) {
+    const tl_modbus_settings settings = settings_for(host, port, timeout_s);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
+}
+
+static void open_driver_that_splits(double timeout_s) {
+    tl_modbus_settings settings = settings_for("127.0.0.1", other.port, timeout_s);
+    settings.split_failed = true;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
 }
 
@@ -782,6 +805,87 @@ static void test_one_wrong_address_does_not_spoil_its_neighbours(void) {
     tl_probe_expect_part(&probe, "unit 1|holding|4|Illegal data address|0|40003|2");
 }
 
+static void test_a_failure_at_one_address(void) {
+    add(3);
+    add(4);
+    add(5);
+    start_peer(fails_at_4);
+    open_driver_that_splits(10);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 3, TL_GOOD);
+    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
+    tl_probe_expect(&probe, 2, 5, TL_GOOD);
+    tl_probe_expect_part(&probe, "unit 1|holding|4 to 4|server failure");
+}
+
+static void test_a_failure_at_one_address_is_not_split_by_default(void) {
+    add(3);
+    add(4);
+    start_peer(fails_at_4);
+    open_driver("127.0.0.1", other.port, 10);
+    tl_probe_poll(&probe);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_size_t(2, tl_modbus_peer_requests(&other));
+}
+
+static void poll_until_both_are_good(size_t a, size_t b) {
+    tl_time deadline = tl_test_now() + 60 * TL_SECOND;
+    do {
+        TEST_ASSERT_TRUE_MESSAGE(tl_test_now() < deadline, probe.link_text);
+        tl_probe_poll(&probe);
+        tl_test_pause_ms(5);
+    } while (probe.newest[a].quality != TL_GOOD || probe.newest[b].quality != TL_GOOD);
+}
+
+/* Another request is answered, so that the link stays up. */
+static void test_silence_at_one_address(void) {
+    add(3);
+    add(4);
+    add(5);
+    add(1000);
+    start_peer(is_silent_at_4);
+    open_driver_that_splits(0.2);
+    poll_until_both_are_good(0, 2);
+    tl_probe_expect(&probe, 0, 3, TL_GOOD);
+    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
+    tl_probe_expect(&probe, 2, 5, TL_GOOD);
+    set_answer(sane);
+    tl_probe_poll_until(&probe, 1, TL_GOOD);
+    tl_probe_expect(&probe, 1, 4, TL_GOOD);
+}
+
+/* No request is answered as long as the address is in the only one. */
+static void test_silence_at_one_address_of_the_only_request(void) {
+    add(4);
+    add(5);
+    add(6);
+    start_peer(is_silent_at_4);
+    open_driver_that_splits(0.2);
+    poll_until_both_are_good(1, 2);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    tl_probe_expect(&probe, 1, 5, TL_GOOD);
+    tl_probe_expect(&probe, 2, 6, TL_GOOD);
+}
+
+/* After each value was tried, the driver joins them again. */
+static void test_a_device_that_is_silent_for_long(void) {
+    add(0);
+    add(1);
+    start_peer(silent);
+    open_driver_that_splits(0.02);
+    while (tl_modbus_peer_requests(&other) < 5) {
+        tl_probe_poll(&probe);
+        tl_test_pause_ms(5);
+    }
+    static const uint8_t COUNTS[] = {2, 2, 1, 1, 2};
+    static const uint8_t ADDRESSES[] = {0, 0, 0, 1, 0};
+    for (size_t i = 0; i < 5; i++) {
+        TEST_ASSERT_EQUAL_UINT(COUNTS[i], count_of(other.record + 12 * i));
+        TEST_ASSERT_EQUAL_UINT(ADDRESSES[i], address_of(other.record + 12 * i));
+    }
+}
+
 static void test_a_device_that_wants_small_requests(void) {
     add_of(1, TL_MODBUS_INPUT, 0, TL_MODBUS_UINT32);
     add_of(1, TL_MODBUS_INPUT, 2, TL_MODBUS_UINT32);
@@ -1068,6 +1172,9 @@ static void test_settings_that_are_wrong(void) {
     expect_refused(&settings, "timeout_s|nan|0.001|3600");
     settings.timeout_s = HUGE_VAL;
     expect_refused(&settings, "timeout_s|inf|0.001|3600");
+    settings.timeout_s = 1;
+    settings.most_registers = 126;
+    expect_refused(&settings, "most_registers|126|1|125");
 }
 
 static void test_channels_that_are_wrong(void) {
@@ -1145,6 +1252,11 @@ int main(void) {
     RUN_TEST(test_a_hole_is_not_read);
     RUN_TEST(test_a_hole_behind_the_beginning);
     RUN_TEST(test_one_wrong_address_does_not_spoil_its_neighbours);
+    RUN_TEST(test_a_failure_at_one_address);
+    RUN_TEST(test_a_failure_at_one_address_is_not_split_by_default);
+    RUN_TEST(test_silence_at_one_address);
+    RUN_TEST(test_silence_at_one_address_of_the_only_request);
+    RUN_TEST(test_a_device_that_is_silent_for_long);
     RUN_TEST(test_a_device_that_wants_small_requests);
     RUN_TEST(test_a_new_device_gets_the_large_requests);
     RUN_TEST(test_a_silent_unit_does_not_stop_the_others);

@@ -9,11 +9,13 @@
 static tl_modbus_map map;
 static tl_modbus_channel channels[512];
 static size_t channel_count;
+static size_t most_registers;
 
 void setUp(void) {
     memset(&map, 0, sizeof map);
     memset(channels, 0, sizeof channels);
     channel_count = 0;
+    most_registers = TL_MODBUS_MAX_REGISTERS;
 }
 
 void tearDown(void) {
@@ -31,7 +33,7 @@ static void add(unsigned address, tl_modbus_type type) {
 }
 
 static void make(void) {
-    TEST_ASSERT_TRUE(tl_modbus_map_make(&map, channels, channel_count));
+    TEST_ASSERT_TRUE(tl_modbus_map_make(&map, channels, channel_count, most_registers));
 }
 
 static void expect_read(size_t index, unsigned address, unsigned count, size_t entries) {
@@ -128,6 +130,31 @@ static void test_registers_are_limited(void) {
     expect_sound();
 }
 
+static void test_requests_of_few_registers(void) {
+    add(0, TL_MODBUS_INT16);
+    add(1, TL_MODBUS_INT32);
+    add(3, TL_MODBUS_FLOAT64); /* larger than a request may be, but not split */
+    add(7, TL_MODBUS_INT16);
+    add(10, TL_MODBUS_INT16); /* with the gap it would be too large */
+    for (unsigned i = 0; i < 40; i++) {
+        add_of(1, TL_MODBUS_COIL, i, TL_MODBUS_BIT); /* the limit is for registers */
+    }
+    most_registers = 3;
+    make();
+    TEST_ASSERT_EQUAL_size_t(5, map.read_count);
+    expect_read(0, 0, 40, 40);
+    expect_read(1, 0, 3, 2);
+    expect_read(2, 3, 4, 1);
+    expect_read(3, 7, 1, 1);
+    expect_read(4, 10, 1, 1);
+    expect_sound();
+    tl_modbus_map_reset(&map, TL_MODBUS_SINGLE);
+    TEST_ASSERT_EQUAL_size_t(45, map.read_count);
+    expect_sound();
+    tl_modbus_map_reset(&map, TL_MODBUS_GAPS);
+    TEST_ASSERT_EQUAL_size_t(5, map.read_count);
+}
+
 static void test_a_value_is_never_spread(void) {
     for (unsigned i = 0; i < 40; i++) {
         add(4 * i, TL_MODBUS_FLOAT64); /* 31 values fill 124 registers: the next one would be cut */
@@ -191,7 +218,7 @@ static void test_split_leaves_out_gaps_then_is_single(void) {
         TEST_ASSERT_EQUAL_size_t(1, tl_modbus_map_split(&map, i)); /* cannot be split further */
     }
     TEST_ASSERT_EQUAL_size_t(5, map.read_count);
-    tl_modbus_map_reset(&map);
+    tl_modbus_map_reset(&map, TL_MODBUS_GAPS);
     TEST_ASSERT_EQUAL_size_t(3, map.read_count);
     expect_sound();
 }
@@ -236,6 +263,7 @@ int main(void) {
     RUN_TEST(test_gap_of_bits);
     RUN_TEST(test_units_and_tables_are_apart);
     RUN_TEST(test_registers_are_limited);
+    RUN_TEST(test_requests_of_few_registers);
     RUN_TEST(test_a_value_is_never_spread);
     RUN_TEST(test_bits_are_limited);
     RUN_TEST(test_overlap_and_twice_the_same);

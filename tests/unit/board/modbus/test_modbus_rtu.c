@@ -250,6 +250,11 @@ static void units_1_and_3_are_silent(int line, const uint8_t *request) {
     request[0] == 1 || request[0] == 3 ? silent(line, request) : sane(line, request);
 }
 
+static void is_silent_at_4(int line, const uint8_t *request) {
+    bool has_4 = address_of(request) <= 4 && address_of(request) + count_of(request) > 4;
+    has_4 ? silent(line, request) : sane(line, request);
+}
+
 static void has_a_hole(int line, const uint8_t *request) {
     unsigned end = address_of(request) + count_of(request);
     end > 4 && address_of(request) < 10 ? exception(line, request, 2) : sane(line, request);
@@ -738,6 +743,20 @@ static void test_silent_units_that_are_asked_first(void) {
 }
 
 /* A poll does not wait for each unit of a dead line. */
+/* With split_failed, also if the rest of the unit shares its request. */
+static void test_silence_at_one_address(void) {
+    add(1, 3);
+    add(1, 4);
+    add(1, 1000);
+    plug_in(is_silent_at_4);
+    tl_modbus_settings settings = settings_with(0.2);
+    settings.split_failed = true;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_expect(&probe, 0, 3, TL_GOOD);
+    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
+}
+
 static void test_a_poll_of_a_dead_line_is_short(void) {
     for (uint8_t unit = 1; unit <= 10; unit++) {
         add(unit, unit);
@@ -845,6 +864,7 @@ int main(void) {
     RUN_TEST(test_a_hole_is_not_read);
     RUN_TEST(test_a_silent_unit_does_not_stop_the_others);
     RUN_TEST(test_silent_units_that_are_asked_first);
+    RUN_TEST(test_silence_at_one_address);
     RUN_TEST(test_a_poll_of_a_dead_line_is_short);
     RUN_TEST(test_interrupt_while_it_waits);
     RUN_TEST(test_an_interrupt_is_not_lost);
