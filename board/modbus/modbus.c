@@ -30,7 +30,7 @@
 enum { TEXT = 320, SILENCES_ON_A_LINE = 2, SILENCES_BEFORE_SPLIT = 2 };
 
 /* Exceptions. */
-enum { ILLEGAL_ADDRESS = 2, ILLEGAL_VALUE = 3, DEVICE_FAILURE = 4 };
+enum { ILLEGAL_ADDRESS = 2, ILLEGAL_VALUE = 3, DEVICE_FAILURE = 4, DEVICE_BUSY = 6 };
 
 struct tl_plant_io {
     tl_modbus_link *link;
@@ -40,6 +40,7 @@ struct tl_plant_io {
     tl_backoff backoff;    /* of tries to connect */
     tl_time silent_due;    /* no silent request is repeated before this time */
     size_t start;          /* first request of the next poll */
+    tl_time period;        /* of polls */
     bool split_failed;
     size_t mute_polls; /* polls in a row with a connection and without an answer */
     uint64_t polls;    /* so far */
@@ -49,6 +50,7 @@ struct tl_plant_io {
 /* Result of one poll. */
 typedef struct progress {
     const tl_plant_io_sink *sink;
+    tl_time end;               /* no request is repeated after it */
     bool checked;              /* the connection was checked, and nothing was sent since */
     bool answered;             /* there was an answer */
     size_t silent;             /* requests without an answer */
@@ -142,23 +144,46 @@ static void check_connection(tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
 }
 
-/* Connects if necessary. True if the link is open and holds no bytes of earlier answers. After a
+static bool connect_link(tl_plant_io *io, char *cause, size_t cause_size) {
+    bool is_connected = io->link->kind->connect(io->link, cause, cause_size);
+    tl_modbus_link_begin_pause(io->link);
+    return is_connected;
+}
+
+/* Connects if necessary, and waits for the end of the pause. True if the link is open and holds no bytes of earlier answers. After a
  * failure the next poll reports the reason. */
 static bool is_ready(tl_plant_io *io, progress *now) {
     char cause[TEXT];
-    if (!now->checked) {
+    bool is_usable = tl_modbus_link_await_pause(io->link);
+    if (!now->checked || io->link->pause > 0) {
         check_connection(io, now->sink);
     }
     now->checked = false;
-    now->over = io->link->descriptor < 0 && !io->link->kind->connect(io->link, cause, sizeof cause);
-    return !now->over;
+    if (is_usable && io->link->descriptor < 0) {
+        is_usable = connect_link(io, cause, sizeof cause) && tl_modbus_link_await_pause(io->link);
+    }
+    now->over = !is_usable;
+    return is_usable;
 }
 
-/* Sends a request; splits it if the device rejects a large one. */
-static tl_modbus_outcome request_values(tl_plant_io *io, size_t index, tl_time *stamp, progress *now) {
-    tl_modbus_read *read = &io->map.reads[index];
+static tl_modbus_outcome ask(tl_plant_io *io, const tl_modbus_read *read, tl_time *stamp) {
     tl_modbus_outcome outcome = io->link->kind->ask(io->link, read, &io->values);
     *stamp = tl_monotonic_now();
+    tl_modbus_link_begin_pause(io->link);
+    return outcome;
+}
+
+/* True if the device is busy and there is time to ask it again after a pause. */
+static bool is_retry_useful(const tl_plant_io *io, const tl_modbus_outcome *outcome, const progress *now) {
+    return outcome->kind == TL_MODBUS_EXCEPTION && outcome->found == DEVICE_BUSY && io->link->pause > 0 &&
+           io->link->pause_end < now->end;
+}
+
+/* Sends a request; splits it if the device rejects a large one; repeats it if the device is
+ * busy. */
+static tl_modbus_outcome request_values(tl_plant_io *io, size_t index, tl_time *stamp, progress *now) {
+    tl_modbus_read *read = &io->map.reads[index];
+    tl_modbus_outcome outcome = ask(io, read, stamp);
     while (is_split_useful(io, &outcome)) {
         size_t parts = tl_modbus_map_split(&io->map, index);
         if (parts == 1) {
@@ -170,8 +195,10 @@ static tl_modbus_outcome request_values(tl_plant_io *io, size_t index, tl_time *
         if (!is_ready(io, now)) {
             break;
         }
-        outcome = io->link->kind->ask(io->link, read, &io->values);
-        *stamp = tl_monotonic_now();
+        outcome = ask(io, read, stamp);
+    }
+    while (is_retry_useful(io, &outcome, now) && is_ready(io, now)) {
+        outcome = ask(io, read, stamp);
     }
     return outcome;
 }
@@ -264,7 +291,7 @@ static bool is_connected(tl_plant_io *io, progress *now) {
         return false;
     }
     char cause[TEXT];
-    if (io->link->descriptor < 0 && !io->link->kind->connect(io->link, cause, sizeof cause)) {
+    if (io->link->descriptor < 0 && !connect_link(io, cause, sizeof cause)) {
         now->interrupted = tl_wake_clear(&io->link->wake);
         if (!now->interrupted) {
             set_link_down(io, now->sink, cause);
@@ -331,6 +358,7 @@ static void send_all_due(tl_plant_io *io, progress *now) {
 
 static void modbus_poll(tl_plant_io *io, const tl_plant_io_sink *sink) {
     progress now = {.sink = sink, .interrupted = tl_wake_clear(&io->link->wake)};
+    now.end = tl_monotonic_now() + io->period;
     io->polls++;
     if (!now.interrupted && is_connected(io, &now)) {
         send_all_due(io, &now);
@@ -422,6 +450,10 @@ static tl_status check(const tl_modbus_settings *settings, tl_error *error) {
     if (device != NULL && tl_modbus_line_check(&settings->line, error) != TL_OK) {
         return TL_BAD_DATA;
     }
+    if (!(settings->pause_s >= 0 && settings->pause_s <= 60)) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus %s: pause_s is %g (expected 0 to 60)",
+                       device != NULL ? device : settings->host, settings->pause_s);
+    }
     if (settings->most_registers > TL_MODBUS_MAX_REGISTERS) {
         return tl_fail(error, TL_BAD_DATA, "Modbus %s: most_registers is %u (expected 1 to 125)",
                        device != NULL ? device : settings->host, (unsigned)settings->most_registers);
@@ -455,6 +487,8 @@ tl_status tl_modbus_open(const tl_modbus_settings *settings, tl_plant_io **io, t
         return status;
     }
     made->split_failed = settings->split_failed;
+    made->period = tl_time_of_seconds(settings->period_s);
+    made->link->pause = tl_time_of_seconds(settings->pause_s);
     if (!tl_modbus_map_make(&made->map, settings->channels, settings->channel_count,
                             settings->most_registers > 0 ? settings->most_registers : TL_MODBUS_MAX_REGISTERS)) {
         made->link->kind->release(made->link);

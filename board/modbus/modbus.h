@@ -18,6 +18,8 @@
  *          With split_failed also after exception 4, and if its answer is missing or wrong twice in
  *          a row while others are answered. If no request is answered in two polls in a row, the
  *          driver tries each value once by itself, then joined requests again.
+ * Pause:   with pause_s, a request to a busy device (exception 6) is repeated after the pause, until
+ *          the poll has taken period_s.
  * Bound:   TCP: a poll waits at most timeout_s to connect and timeout_s for each response. The
  *          first missing or wrong response ends the poll. If the server sends more bytes than
  *          requested, the driver connects again before each request. If `host` is a name, each
@@ -27,7 +29,7 @@
  *          the line is silent: for 3.5 characters (1.75 ms above 19200 bit/s), after a failure for
  *          50 ms. If bytes keep arriving, this wait fails after about timeout_s. interrupt() cannot
  *          end the reception of a response that has started. The reception ends within the
- *          response's transmission time plus 0.2 s.
+ *          response's transmission time plus 0.2 s. Both: each request also waits for pause_s.
  * Line:    the driver is the only master and opens the device exclusively. It uses 8 data bits and
  *          the parameters in tl_modbus_line. RTU responses have no number. So a late response could
  *          be taken for the answer to a later request of the same kind to the same unit. Therefore
@@ -54,6 +56,8 @@ typedef struct tl_modbus_settings {
     tl_modbus_line line;    /* line.device: NULL for TCP */
     uint8_t most_registers; /* of a request with several values, 1 … 125; 0: 125 */
     bool split_failed;      /* also split a request after exception 4, and if its answer fails twice in a row */
+    double pause_s;         /* before each request, since the last response or the connection, s; 0 … 60 */
+    double period_s;        /* with a pause: how long in a poll requests are repeated to a busy device, s */
     double timeout_s;       /* longest wait for a connection, and for a response, s; 0.001 … 3600 */
     const tl_modbus_channel *channels;
     size_t channel_count;

@@ -161,6 +161,14 @@ void tl_modbus_link_done(tl_modbus_link *link) {
     tl_wake_release(&link->wake);
 }
 
+void tl_modbus_link_begin_pause(tl_modbus_link *link) {
+    link->pause_end = tl_monotonic_now() + link->pause;
+}
+
+bool tl_modbus_link_await_pause(const tl_modbus_link *link) {
+    return tl_modbus_link_await(link, link->descriptor, 0, link->pause_end) != EINTR;
+}
+
 int tl_modbus_link_await(const tl_modbus_link *link, int descriptor, short events, tl_time deadline) {
     for (;;) {
         struct pollfd both[2] = {{.fd = descriptor, .events = events}, {.fd = link->wake.descriptor, .events = POLLIN}};

@@ -141,6 +141,8 @@ struct tl_modbus_link {
     const tl_modbus_link_kind *kind;
     char name[TL_MODBUS_LINK_NAME]; /* for messages: "Modbus server HOST:PORT" */
     tl_time timeout;                /* ns; longest wait for a connection, and for a response */
+    tl_time pause;                  /* ns; after connecting, and between a response and the next request */
+    tl_time pause_end;              /* end of the present pause, CLOCK_MONOTONIC, ns */
     int descriptor;                 /* −1: not connected */
     tl_wake wake;                   /* ends the wait of connect() or ask() */
 };
@@ -164,6 +166,13 @@ typedef struct tl_modbus_link_settings {
  * missing, init returns false with errno; then do not call done. */
 bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_settings *settings);
 void tl_modbus_link_done(tl_modbus_link *link);
+
+/* Begins the pause after connecting or after a response. */
+void tl_modbus_link_begin_pause(tl_modbus_link *link);
+
+/* Waits for the end of the pause, or until the other end closes the link. Returns false after a
+ * `wake` call, which stays unanswered. */
+bool tl_modbus_link_await_pause(const tl_modbus_link *link);
 
 /* Waits until poll() reports `events`, an error or a hang-up for `descriptor`. `deadline` is on
  * CLOCK_MONOTONIC, ns. Returns 0 or errno: ETIMEDOUT; EINTR after a `wake` call, which stays

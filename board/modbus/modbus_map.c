@@ -26,7 +26,7 @@ static void exception_text(int code, char *text, size_t size) {
         [2] = ": the device has no such address. Addresses here count from 0: 40003 in a manual is holding, address 2",
         [3] = ": the device refuses this number of values: check type and address",
         [4] = ": look for the fault in the device",
-        [6] = ": raise period_s, so that it is polled less often",
+        [6] = ": set pause_s, or raise period_s, so that it is polled less often",
         [10] = ": the gateway has no path to this unit: check unit_id and the gateway",
         [11] = ": no device answers as this unit behind the gateway: check unit_id",
     };

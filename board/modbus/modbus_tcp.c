@@ -198,7 +198,11 @@ static tl_modbus_outcome tcp_ask(tl_modbus_link *link, const tl_modbus_read *rea
     const bool is_closed = outcome.kind == TL_MODBUS_FAILED && (outcome.found == ECONNRESET || outcome.found == EPIPE);
     if (is_closed && tcp->has_answered) {
         tcp_close(link);
-        return tcp_connect(link, cause, sizeof cause) ? exchange(tcp, read, values) : outcome;
+        if (!tcp_connect(link, cause, sizeof cause)) {
+            return outcome;
+        }
+        tl_modbus_link_begin_pause(link);
+        return tl_modbus_link_await_pause(link) ? exchange(tcp, read, values) : outcome;
     }
     return outcome;
 }

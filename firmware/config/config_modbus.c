@@ -26,9 +26,11 @@ static void read_timeout(tl_config_object *object, tl_modbus_settings *settings)
 static void read_manners(tl_config_object *object, tl_modbus_settings *settings) {
     static const tl_config_number most = {
         .whole = true, .minimum = 1, .maximum = TL_MODBUS_MAX_REGISTERS, .example = "16"};
+    static const tl_config_number pause = {.minimum = 0, .maximum = 60, .example = "0.05"};
     double most_registers = TL_MODBUS_MAX_REGISTERS;
     (void)tl_config_get_number(object, "most_registers", &most, &most_registers);
     (void)tl_config_get_boolean(object, "split_failed", &settings->split_failed);
+    (void)tl_config_get_number(object, "pause_s", &pause, &settings->pause_s);
     settings->most_registers = (uint8_t)most_registers;
 }
 
@@ -290,14 +292,15 @@ static void reach_server(const tl_config_source *source, tl_source_reach *reach)
     reach->port = settings->port;
     reach->names =
         inet_pton(AF_INET, settings->host, address) != 1 && inet_pton(AF_INET6, settings->host, address) != 1;
-    reach->wait = POLL_TIMEOUTS * tl_time_of_seconds(settings->timeout_s) + (reach->names ? RESOLVE : 0);
+    reach->wait =
+        POLL_TIMEOUTS * tl_time_of_seconds(settings->timeout_s + settings->pause_s) + (reach->names ? RESOLVE : 0);
 }
 
 static void reach_line(const tl_config_source *source, tl_source_reach *reach) {
     const tl_modbus_settings *settings = source->settings;
     reach->write = settings->line.device;
-    reach->wait =
-        POLL_TIMEOUTS * (tl_time_of_seconds(settings->timeout_s) + LINE_BITS * TL_SECOND / settings->line.baud);
+    reach->wait = POLL_TIMEOUTS * (tl_time_of_seconds(settings->timeout_s + settings->pause_s) +
+                                   LINE_BITS * TL_SECOND / settings->line.baud);
 }
 
 /* TCP: `path` is NULL. */
@@ -305,6 +308,7 @@ static tl_status open_modbus(const tl_config_source *source, const char *path, c
                              tl_plant_io **io, tl_error *error) {
     tl_modbus_settings settings = *(const tl_modbus_settings *)source->settings;
     settings.line.device = path;
+    settings.period_s = source->period_s;
     settings.channels = channels;
     settings.channel_count = count;
     return tl_modbus_open(&settings, io, error);
@@ -313,6 +317,7 @@ static tl_status open_modbus(const tl_config_source *source, const char *path, c
 static const tl_change_rule TCP_RULES[] = {
     {"sources.*.modbus_tcp.any_unit_id", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.most_registers", TL_RULE_RETUNE, NULL},
+    {"sources.*.modbus_tcp.pause_s", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.period_s", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.split_failed", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.timeout_s", TL_RULE_RETUNE, NULL},
@@ -323,6 +328,7 @@ static const tl_change_rule TCP_RULES[] = {
 
 static const tl_change_rule RTU_RULES[] = {
     {"sources.*.modbus_rtu.most_registers", TL_RULE_RETUNE, NULL},
+    {"sources.*.modbus_rtu.pause_s", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_rtu.period_s", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_rtu.split_failed", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_rtu.timeout_s", TL_RULE_RETUNE, NULL},

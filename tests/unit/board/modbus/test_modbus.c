@@ -196,6 +196,19 @@ static int is_silent_at_4(const uint8_t *request, uint8_t *reply) {
     return has_4(request) ? NO_ANSWER : sane(request, reply);
 }
 
+/* The first `busy_left` requests find a busy device. `answered`: time of the last answer. */
+static int busy_left;
+static tl_time answered;
+static tl_time shortest_pause; /* from an answer to the next request */
+
+static int is_busy(const uint8_t *request, uint8_t *reply) {
+    tl_time pause = tl_test_now() - answered;
+    shortest_pause = pause < shortest_pause ? pause : shortest_pause;
+    int size = busy_left-- > 0 ? exception(request, reply, 6) : sane(request, reply);
+    answered = tl_test_now();
+    return size;
+}
+
 /* At most two registers per request. */
 static int is_narrow(const uint8_t *request, uint8_t *reply) {
     return count_of(request) > 2 ? exception(request, reply, 3) : sane(request, reply);
@@ -225,6 +238,20 @@ static tl_modbus_settings settings_for(const char *host, uint16_t port, double t
 static void open_driver(const char *host, uint16_t port, double timeout_s) {
     const tl_modbus_settings settings = settings_for(host, port, timeout_s);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
+}
+
+static void open_driver_that_pauses(double pause_s, double period_s) {
+    tl_modbus_settings settings = settings_for("127.0.0.1", other.port, 10);
+    settings.pause_s = pause_s;
+    settings.period_s = period_s;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
+}
+
+static void start_busy_peer(int times) {
+    busy_left = times;
+    answered = tl_test_now(); /* before the connection */
+    shortest_pause = TL_SECOND;
+    start_peer(is_busy);
 }
 
 static void open_driver_that_splits(double timeout_s) {
@@ -805,6 +832,58 @@ static void test_one_wrong_address_does_not_spoil_its_neighbours(void) {
     tl_probe_expect_part(&probe, "unit 1|holding|4|Illegal data address|0|40003|2");
 }
 
+static void test_a_busy_device_is_asked_again(void) {
+    add(1);
+    add(1000);
+    start_busy_peer(3);
+    open_driver_that_pauses(0.02, 60);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    tl_probe_expect(&probe, 1, 1000, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(5, tl_modbus_peer_requests(&other));
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_peer_connections(&other));
+    TEST_ASSERT_EQUAL_size_t(1, probe.links); /* connected; not reported */
+    tl_probe_poll(&probe);
+    tl_modbus_peer_stop(&other);
+    TEST_ASSERT_TRUE(shortest_pause >= TL_SECOND / 50); /* also after connecting and between polls */
+}
+
+static void test_a_pause_after_each_of_many_connections(void) {
+    add(0);
+    add(1000);
+    start_peer(answers_once_per_connection);
+    open_driver_that_pauses(0.01, 0);
+    tl_time begin = tl_test_now();
+    for (int i = 0; i < 3; i++) {
+        tl_probe_poll(&probe);
+        tl_probe_expect(&probe, 0, 0, TL_GOOD);
+        tl_probe_expect(&probe, 1, 1000, TL_GOOD);
+    }
+    TEST_ASSERT_EQUAL_size_t(6, tl_modbus_peer_connections(&other));
+    TEST_ASSERT_TRUE(tl_test_now() - begin >= 6 * (TL_SECOND / 100));
+}
+
+static void test_a_device_that_stays_busy(void) {
+    add(1);
+    start_busy_peer(1000000);
+    open_driver_that_pauses(0.01, 0.1);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    tl_probe_expect_part(&probe, "unit 1|holding|1 to 1|busy");
+    TEST_ASSERT_TRUE(probe.link_up);
+}
+
+static void test_a_busy_device_without_a_pause(void) {
+    add(1);
+    start_busy_peer(1);
+    open_driver_that_pauses(0, 60);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_peer_requests(&other));
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+}
+
 static void test_a_failure_at_one_address(void) {
     add(3);
     add(4);
@@ -1017,6 +1096,14 @@ static void test_interrupt_while_it_waits_for_an_answer(void) {
     TEST_ASSERT_EQUAL_size_t(0, probe.downs);
 }
 
+static void test_interrupt_during_a_pause(void) {
+    add(1);
+    start_peer(sane);
+    open_driver_that_pauses(60, 60);
+    expect_interruptible();
+    TEST_ASSERT_EQUAL_size_t(0, tl_modbus_peer_requests(&other));
+}
+
 enum { BACKLOG = 16 };
 
 /* Fills the queue of a listener that never accepts, so that the next connection waits. */
@@ -1175,6 +1262,11 @@ static void test_settings_that_are_wrong(void) {
     settings.timeout_s = 1;
     settings.most_registers = 126;
     expect_refused(&settings, "most_registers|126|1|125");
+    settings.most_registers = 0;
+    settings.pause_s = -1;
+    expect_refused(&settings, "pause_s|-1|0|60");
+    settings.pause_s = (double)NAN;
+    expect_refused(&settings, "pause_s|nan|0|60");
 }
 
 static void test_channels_that_are_wrong(void) {
@@ -1252,6 +1344,10 @@ int main(void) {
     RUN_TEST(test_a_hole_is_not_read);
     RUN_TEST(test_a_hole_behind_the_beginning);
     RUN_TEST(test_one_wrong_address_does_not_spoil_its_neighbours);
+    RUN_TEST(test_a_busy_device_is_asked_again);
+    RUN_TEST(test_a_pause_after_each_of_many_connections);
+    RUN_TEST(test_a_device_that_stays_busy);
+    RUN_TEST(test_a_busy_device_without_a_pause);
     RUN_TEST(test_a_failure_at_one_address);
     RUN_TEST(test_a_failure_at_one_address_is_not_split_by_default);
     RUN_TEST(test_silence_at_one_address);
@@ -1262,6 +1358,7 @@ int main(void) {
     RUN_TEST(test_a_silent_unit_does_not_stop_the_others);
     RUN_TEST(test_silent_units_that_are_asked_first);
     RUN_TEST(test_interrupt_while_it_waits_for_an_answer);
+    RUN_TEST(test_interrupt_during_a_pause);
     RUN_TEST(test_interrupt_while_it_connects);
     RUN_TEST(test_connecting_takes_no_longer_than_the_timeout);
     RUN_TEST(test_an_interrupt_is_not_lost);

@@ -174,10 +174,12 @@ static void test_sources(void) {
     TEST_ASSERT_EQUAL_DOUBLE(0.25, modbus_by(&source[0])->timeout_s);
     TEST_ASSERT_TRUE(modbus_by(&source[0])->any_unit_id);
     TEST_ASSERT_EQUAL_UINT8(40, modbus_by(&source[0])->most_registers);
+    TEST_ASSERT_EQUAL_DOUBLE(0.002, modbus_by(&source[0])->pause_s);
     TEST_ASSERT_TRUE(modbus_by(&source[0])->split_failed);
     TEST_ASSERT_EQUAL_STRING("plc.example", modbus_by(&source[1])->host);
     TEST_ASSERT_FALSE(modbus_by(&source[1])->any_unit_id);
     TEST_ASSERT_EQUAL_UINT8(125, modbus_by(&source[1])->most_registers);
+    TEST_ASSERT_EQUAL_DOUBLE(0, modbus_by(&source[1])->pause_s);
     TEST_ASSERT_FALSE(modbus_by(&source[1])->split_failed);
     TEST_ASSERT_EQUAL_UINT16(502, modbus_by(&source[1])->port);
     TEST_ASSERT_EQUAL_DOUBLE(0.01, source[1].period_s);
@@ -199,6 +201,7 @@ static void test_a_serial_line(void) {
     TEST_ASSERT_EQUAL_UINT8(1, modbus_by(bus)->line.stop_bits);
     TEST_ASSERT_TRUE(modbus_by(bus)->line.rs485);
     TEST_ASSERT_EQUAL_UINT8(1, modbus_by(bus)->most_registers);
+    TEST_ASSERT_EQUAL_DOUBLE(60, modbus_by(bus)->pause_s);
     TEST_ASSERT_TRUE(modbus_by(bus)->split_failed);
     TEST_ASSERT_EQUAL_DOUBLE(0.05, bus->period_s);
     TEST_ASSERT_EQUAL_DOUBLE(0.1, modbus_by(bus)->timeout_s);
