@@ -469,9 +469,12 @@ static tl_status check(const tl_modbus_settings *settings, tl_error *error) {
 
 static tl_modbus_link *make_link(const tl_modbus_settings *settings) {
     tl_time timeout = tl_time_of_seconds(settings->timeout_s);
-    return settings->line.device != NULL
-               ? tl_modbus_rtu_make(&settings->line, timeout)
-               : tl_modbus_tcp_make(settings->host, settings->port, settings->any_unit_id, timeout);
+    const tl_modbus_server server = {.host = settings->host,
+                                     .port = settings->port,
+                                     .any_unit_id = settings->any_unit_id,
+                                     .rtu_framing = settings->rtu_framing};
+    return settings->line.device != NULL ? tl_modbus_rtu_make(&settings->line, timeout)
+                                         : tl_modbus_tcp_make(&server, timeout);
 }
 
 tl_status tl_modbus_open(const tl_modbus_settings *settings, tl_plant_io **io, tl_error *error) {

@@ -35,6 +35,8 @@
  *          be taken for the answer to a later request of the same kind to the same unit. Therefore
  *          timeout_s must exceed the response time of the slowest unit. After a timeout, if another
  *          request was answered, the driver sends no request to the silent unit during timeout_s.
+ * Framing: RTU frames by TCP have no transaction. As on a line, timeout_s must exceed the response
+ *          time of the slowest unit.
  * Stamp:   time at which the response had arrived completely.
  * Source:  MODBUS Application Protocol 1.1b3, section 6.1 to 6.4; MODBUS over Serial Line 1.02,
  *          section 2.5.1.
@@ -53,6 +55,7 @@ typedef struct tl_modbus_settings {
     const char *host; /* name or address; ignored if line.device is set */
     uint16_t port;
     bool any_unit_id; /* TCP: accept answers with another unit than the request; some devices and gateways send them */
+    bool rtu_framing; /* TCP: frames of a line, as some gateways forward them */
     tl_modbus_line line;    /* line.device: NULL for TCP */
     uint8_t most_registers; /* of a request with several values, 1 … 125; 0: 125 */
     bool split_failed;      /* also split a request after exception 4, and if its answer fails twice in a row */

@@ -2,6 +2,7 @@
 #include "board/modbus/modbus_link.h"
 
 #include <errno.h>
+#include <modbus.h>
 #include <poll.h>
 #include <stdio.h>
 
@@ -130,6 +131,46 @@ tl_modbus_outcome tl_modbus_check_tcp(const tl_modbus_question *asked, const uin
     outcome = check_function(asked->read, answer + TL_MODBUS_TCP_PREFIX, length);
     if (outcome.kind == TL_MODBUS_VALUES && size < TL_MODBUS_TCP_PREFIX + length) {
         *missing = TL_MODBUS_TCP_PREFIX + length - size;
+    }
+    return outcome;
+}
+
+/* Reflected polynomial 0xA001; sent with the lower byte first. */
+static unsigned check_sum(const uint8_t *bytes, size_t size) {
+    unsigned sum = 0xFFFF;
+    for (size_t i = 0; i < 8 * size; i++) {
+        sum ^= i % 8 == 0 ? bytes[i / 8] : 0U;
+        sum = (sum & 1) != 0 ? sum >> 1 ^ 0xA001U : sum >> 1;
+    }
+    return (sum & 0xFF) << 8 | sum >> 8;
+}
+
+void tl_modbus_put_framed(const tl_modbus_question *asked, uint8_t request[TL_MODBUS_TCP_REQUEST]) {
+    tl_modbus_put_body(asked->read, request);
+    put_word(request + TL_MODBUS_BODY_REQUEST, check_sum(request, TL_MODBUS_BODY_REQUEST));
+}
+
+tl_modbus_outcome tl_modbus_check_framed(const tl_modbus_question *asked, const uint8_t *answer, size_t size,
+                                         size_t *missing) {
+    tl_modbus_outcome outcome = {.kind = TL_MODBUS_VALUES};
+    *missing = size < BODY + TL_MODBUS_SUM ? BODY + TL_MODBUS_SUM - size : 0;
+    if (*missing > 0) {
+        return outcome;
+    }
+    const bool is_exception = (answer[FUNCTION] & EXCEPTION_FLAG) != 0;
+    const size_t length = BODY + (is_exception ? 0 : tl_modbus_value_bytes(asked->read));
+    if (!asked->any_unit_id) {
+        outcome = compare(TL_MODBUS_WRONG_UNIT, answer[UNIT], asked->read->unit_id);
+    }
+    if (outcome.kind == TL_MODBUS_VALUES) {
+        outcome = check_function(asked->read, answer, length);
+    }
+    if (outcome.kind > TL_MODBUS_EXCEPTION) {
+        return outcome;
+    }
+    *missing = size < length + TL_MODBUS_SUM ? length + TL_MODBUS_SUM - size : 0;
+    if (*missing == 0 && word_at(answer + length) != check_sum(answer, length)) {
+        outcome = (tl_modbus_outcome){.kind = TL_MODBUS_FAILED, .found = EMBBADCRC};
     }
     return outcome;
 }

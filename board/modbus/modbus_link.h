@@ -49,7 +49,9 @@ enum {
     TL_MODBUS_TCP_PREFIX = 6,      /* two bytes each: transaction, protocol, length of what follows */
     TL_MODBUS_TCP_REQUEST = 6 + 6, /* prefix, body */
     TL_MODBUS_TCP_ANSWER = 6 + 3 + TL_MODBUS_MAX_REGISTERS * 2, /* the longest valid answer */
-    TL_MODBUS_TCP_FIRST = 6 + 3 /* the shortest: ends with the exception code or the number of bytes */
+    TL_MODBUS_TCP_FIRST = 6 + 3, /* the shortest: ends with the exception code or the number of bytes */
+    TL_MODBUS_SUM = 2,           /* check sum at the end of a frame of a line, which has no prefix */
+    TL_MODBUS_RTU_FIRST = 3      /* bytes before the values in such a frame */
 };
 
 /* Values of an answer: bits or registers, depending on the table of the request. */
@@ -79,6 +81,12 @@ void tl_modbus_put_request(const tl_modbus_question *asked, uint8_t request[TL_M
  * length of the answer or TL_MODBUS_TCP_ANSWER. */
 tl_modbus_outcome tl_modbus_check_tcp(const tl_modbus_question *asked, const uint8_t *answer, size_t size,
                                       size_t *missing);
+
+/* The same two for frames of a line that are sent by TCP. The request also gets the check sum. A
+ * wrong one in the answer is TL_MODBUS_FAILED with EMBBADCRC of libmodbus. */
+void tl_modbus_put_framed(const tl_modbus_question *asked, uint8_t request[TL_MODBUS_TCP_REQUEST]);
+tl_modbus_outcome tl_modbus_check_framed(const tl_modbus_question *asked, const uint8_t *answer, size_t size,
+                                         size_t *missing);
 
 /* Checks a whole answer from a line, without its check sum: unit, function and number of bytes.
  * `size` is at least 3. */
@@ -147,10 +155,17 @@ struct tl_modbus_link {
     tl_wake wake;                   /* ends the wait of connect() or ask() */
 };
 
-/* Creates a TCP link to an address or host name; does not connect. The caller frees it by
- * kind->release(). `any_unit_id`: accept answers with another unit than the request. Returns NULL
- * with errno if a resource is missing. */
-tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, bool any_unit_id, tl_time timeout);
+/* A server by TCP. */
+typedef struct tl_modbus_server {
+    const char *host; /* name or address; copied */
+    uint16_t port;
+    bool any_unit_id; /* accept answers with another unit than the request */
+    bool rtu_framing; /* frames of a line instead of those of Modbus TCP */
+} tl_modbus_server;
+
+/* Creates a TCP link; does not connect. The caller frees it by kind->release(). Returns NULL with
+ * errno if a resource is missing. */
+tl_modbus_link *tl_modbus_tcp_make(const tl_modbus_server *server, tl_time timeout);
 
 /* Creates a serial link in the same way. */
 tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout);

@@ -42,7 +42,8 @@ static void failure_text(int failure, bool on_a_line, tl_time timeout, char *tex
     const char *reason = modbus_strerror(failure);
     if (failure == ETIMEDOUT) {
         (void)snprintf(text, size, "%sno answer within timeout_s = %g s: raise timeout_s, or check unit_id%s",
-                       on_a_line ? "" : "connected, but ", tl_seconds(timeout), on_a_line ? ", baud and parity" : "");
+                       on_a_line ? "" : "connected, but ", tl_seconds(timeout),
+                       on_a_line ? ", baud and parity" : " and framing");
     } else if (failure == EPROTO) {
         (void)snprintf(text, size, "the answer is incomplete: check the device and the %s",
                        on_a_line ? "wiring" : "network");
@@ -53,7 +54,8 @@ static void failure_text(int failure, bool on_a_line, tl_time timeout, char *tex
                        "the device closes the connection without an answer (%s): end other programs that use it",
                        reason);
     } else if (failure > MODBUS_ENOBASE) {
-        (void)snprintf(text, size, "%s: check baud, parity, stop_bits and wiring", reason);
+        (void)snprintf(text, size, "%s: check %s", reason,
+                       on_a_line ? "baud, parity, stop_bits and wiring" : "the line behind the gateway, and framing");
     } else {
         (void)snprintf(text, size, "%s: check the %s", reason, on_a_line ? "adapter" : "network");
     }

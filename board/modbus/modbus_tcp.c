@@ -4,6 +4,9 @@
  * protocols, and do not check the length. Its raw requests always have transaction 0, so that a
  * late answer looks like the next one. A request has 12 bytes, and only reading ones exist
  * (modbus_link.h). An answer is received up to the expected length, as far as it is right.
+ *
+ * Some gateways forward the frames of a serial line as they are. These have a check sum, but no
+ * transaction.
  */
 #include "board/modbus/modbus_link.h"
 
@@ -26,6 +29,7 @@ typedef struct tcp_link {
     char *host;
     char service[8];
     bool any_unit_id;
+    bool rtu_framing;
     uint16_t transaction; /* of the last request */
     bool has_surplus;     /* bytes followed a short answer */
     bool has_answered;    /* there was an answer on this connection */
@@ -149,33 +153,48 @@ static int receive(const tl_modbus_link *link, uint8_t *bytes, size_t room, tl_t
     return 0;
 }
 
+/* The two kinds of frames. */
+typedef struct framing {
+    size_t request;   /* bytes of a request */
+    size_t head, sum; /* bytes of an answer before and after its values; an exception has no values */
+    void (*put)(const tl_modbus_question *asked, uint8_t request[TL_MODBUS_TCP_REQUEST]);
+    tl_modbus_outcome (*check)(const tl_modbus_question *asked, const uint8_t *answer, size_t size, size_t *missing);
+} framing;
+
+static const framing FRAMINGS[2] = {
+    {TL_MODBUS_TCP_REQUEST, TL_MODBUS_TCP_FIRST, 0, tl_modbus_put_request, tl_modbus_check_tcp},
+    {TL_MODBUS_BODY_REQUEST + TL_MODBUS_SUM, TL_MODBUS_RTU_FIRST, TL_MODBUS_SUM, tl_modbus_put_framed,
+     tl_modbus_check_framed},
+};
+
 static tl_modbus_outcome exchange(tcp_link *tcp, const tl_modbus_read *read, tl_modbus_values *values) {
     tl_modbus_link *link = &tcp->link;
+    const framing *frame = &FRAMINGS[tcp->rtu_framing ? 1 : 0];
     uint8_t request[TL_MODBUS_TCP_REQUEST];
     uint8_t answer[TL_MODBUS_TCP_ANSWER];
     tcp->transaction++;
     const tl_modbus_question asked = {.read = read, .transaction = tcp->transaction, .any_unit_id = tcp->any_unit_id};
-    tl_modbus_put_request(&asked, request);
+    frame->put(&asked, request);
     errno = EIO;
-    if (send(link->descriptor, request, sizeof request, MSG_NOSIGNAL) != (ssize_t)sizeof request) {
+    if (send(link->descriptor, request, frame->request, MSG_NOSIGNAL) != (ssize_t)frame->request) {
         return failed_with(errno);
     }
     tl_time deadline = tl_monotonic_now() + link->timeout;
-    const size_t most = TL_MODBUS_TCP_FIRST + tl_modbus_value_bytes(read);
+    const size_t most = frame->head + tl_modbus_value_bytes(read) + frame->sum;
     size_t size = 0;
     size_t missing = 0;
-    tl_modbus_outcome outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);
+    tl_modbus_outcome outcome = frame->check(&asked, answer, size, &missing);
     while (missing > 0) {
         int failure = receive(link, answer + size, most - size, deadline, &size);
         if (failure != 0) {
             return failed_with(failure);
         }
-        outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);
+        outcome = frame->check(&asked, answer, size, &missing);
     }
     if (outcome.kind == TL_MODBUS_VALUES) {
-        tl_modbus_take_values(read, answer + TL_MODBUS_TCP_FIRST, values);
+        tl_modbus_take_values(read, answer + frame->head, values);
     }
-    tcp->has_surplus = outcome.kind == TL_MODBUS_EXCEPTION && size > TL_MODBUS_TCP_FIRST;
+    tcp->has_surplus = outcome.kind == TL_MODBUS_EXCEPTION && size > frame->head + frame->sum;
     tcp->has_answered = true;
     return outcome;
 }
@@ -227,17 +246,18 @@ static const tl_modbus_link_kind TCP = {.connect = tcp_connect,
                                         .close = tcp_close,
                                         .release = tcp_release};
 
-tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, bool any_unit_id, tl_time timeout) {
+tl_modbus_link *tl_modbus_tcp_make(const tl_modbus_server *server, tl_time timeout) {
     tcp_link *tcp = calloc(1, sizeof *tcp);
     if (tcp == NULL) {
         return NULL;
     }
     char name[TL_MODBUS_LINK_NAME];
     const tl_modbus_link_settings settings = {.kind = &TCP, .timeout = timeout, .name = name};
-    tcp->host = strdup(host);
-    tcp->any_unit_id = any_unit_id;
-    (void)snprintf(tcp->service, sizeof tcp->service, "%u", (unsigned)port);
-    (void)snprintf(name, sizeof name, "Modbus server %.80s:%s", host, tcp->service);
+    tcp->host = strdup(server->host);
+    tcp->any_unit_id = server->any_unit_id;
+    tcp->rtu_framing = server->rtu_framing;
+    (void)snprintf(tcp->service, sizeof tcp->service, "%u", (unsigned)server->port);
+    (void)snprintf(name, sizeof name, "Modbus server %.80s:%s", server->host, tcp->service);
     if (tcp->host == NULL || !tl_modbus_link_init(&tcp->link, &settings)) {
         free(tcp->host);
         free(tcp);

@@ -117,10 +117,13 @@ static tl_status open_source(const player *self, const tl_config_source *source,
 
 /* --fifo writes the signals of a CSV source. */
 static bool is_served(const tl_config_source *source) {
-    if (source->driver->not_played != NULL) {
-        tl_log(TL_LOG_NOTICE, "%s: signals %s are not played", source->name, source->driver->not_played);
+    const tl_modbus_settings *modbus = is_modbus(source) ? source->settings : NULL;
+    const bool is_framed = modbus != NULL && modbus->rtu_framing;
+    const char *not_played = is_framed ? "with framing rtu" : source->driver->not_played;
+    if (not_played != NULL) {
+        tl_log(TL_LOG_NOTICE, "%s: signals %s are not played", source->name, not_played);
     }
-    return is_modbus(source) || strcmp(source->driver->name, "can") == 0;
+    return (modbus != NULL && !is_framed) || strcmp(source->driver->name, "can") == 0;
 }
 
 /* Serves one source of the listener. A source without signals is skipped. */

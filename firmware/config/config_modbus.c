@@ -36,11 +36,15 @@ static void read_manners(tl_config_object *object, tl_modbus_settings *settings)
 
 static void read_tcp_source(tl_config_object *object, tl_config_source *source) {
     static const tl_config_number port_rule = {.whole = true, .minimum = 1, .maximum = 65535, .example = "502"};
+    static const char *const framings[] = {"tcp", "rtu", NULL};
     tl_modbus_settings *settings = source->settings;
+    size_t framing = 0;
     double port = 502;
     (void)tl_config_get_text(object, "host", TL_CONFIG_REQUIRED, "\"192.0.2.10\"", &settings->host);
     (void)tl_config_get_number(object, "port", &port_rule, &port);
     (void)tl_config_get_boolean(object, "any_unit_id", &settings->any_unit_id);
+    (void)tl_config_get_choice(object, "framing", TL_CONFIG_OPTIONAL, framings, &framing);
+    settings->rtu_framing = framing == 1;
     read_timeout(object, settings);
     read_manners(object, settings);
     settings->port = (uint16_t)port;

@@ -234,9 +234,8 @@ static tl_modbus_link *make(tl_time timeout) {
     return &bytes_link;
 }
 
-tl_modbus_link *tl_modbus_tcp_make(const char *host, uint16_t port, bool any_unit, tl_time timeout) {
-    (void)port;
-    tl_fuzz_hold(!on_a_line && any_unit == any_unit_id && host[0] != '\0');
+tl_modbus_link *tl_modbus_tcp_make(const tl_modbus_server *server, tl_time timeout) {
+    tl_fuzz_hold(!on_a_line && server->any_unit_id == any_unit_id && server->host[0] != '\0');
     return make(timeout);
 }
 

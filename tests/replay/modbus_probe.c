@@ -1,6 +1,7 @@
 /* The Modbus driver and the emulated device as a program, for test_modbus_oracle.py.
  *
  *   modbus_probe read HOST PORT   reads every channel once it can; prints "quality value" for each
+ *   modbus_probe read HOST PORT rtu   with frames of a line
  *   modbus_probe read DEVICE      the same on a serial line
  *   modbus_probe serve            prints its port, serves until its input ends, prints "requests refused_writes"
  * Channels are lines of the standard input, "unit table address type words_little bytes_little bit scale offset
@@ -61,10 +62,11 @@ static void on_link(void *context, bool up, const char *text) {
     linked = up;
 }
 
-static int run_read(const char *host, const char *port) {
+static int run_read(const char *host, const char *port, bool rtu_framing) {
     const tl_modbus_settings settings = {
         .host = host,
         .port = (uint16_t)(port != NULL ? strtoul(port, NULL, 10) : 0),
+        .rtu_framing = rtu_framing,
         .line = {.device = port != NULL ? NULL : host, .baud = 115200, .parity = 'E', .stop_bits = 1},
         .timeout_s = 10,
         .channels = channels,
@@ -112,11 +114,11 @@ int main(int argc, char **argv) {
     if (!read_channels()) {
         return tl_probe_fail("a line is no channel, or there are too many");
     }
-    if ((argc == 4 || argc == 3) && strcmp(argv[1], "read") == 0) {
-        return run_read(argv[2], argc == 4 ? argv[3] : NULL);
+    if (argc >= 3 && argc <= 5 && strcmp(argv[1], "read") == 0) {
+        return run_read(argv[2], argc >= 4 ? argv[3] : NULL, argc == 5);
     }
     if (argc == 2 && strcmp(argv[1], "serve") == 0) {
         return run_serve();
     }
-    return tl_probe_fail("say read HOST PORT, read DEVICE, or serve");
+    return tl_probe_fail("say read HOST PORT [rtu], read DEVICE, or serve");
 }

@@ -455,6 +455,11 @@ def test_missing_files():
     expect(not list(folder.iterdir()), "a file was made")
 
 
+def test_sources_that_are_not_played():
+    config = edited_config("motor/live.json", {"sources": {"inverter": {"modbus_tcp": {"framing": "rtu"}}}})
+    expect_refused(["plant", config], BAD_USAGE, "inverter|framing rtu", f"{config}|Modbus TCP|--for")
+
+
 def test_folders_instead_of_files():
     folder = scratch()
     for verb in ("check", "replay", "run", "plant"):

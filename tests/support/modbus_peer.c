@@ -130,3 +130,12 @@ size_t tl_modbus_peer_values(unsigned function, unsigned address, unsigned count
     }
     return 1U + data[0];
 }
+
+uint16_t tl_modbus_peer_sum(const uint8_t *bytes, size_t size) {
+    unsigned sum = 0xFFFF;
+    for (size_t i = 0; i < 8 * size; i++) {
+        sum ^= i % 8 == 0 ? bytes[i / 8] : 0U;
+        sum = (sum & 1) != 0 ? sum >> 1 ^ 0xA001U : sum >> 1;
+    }
+    return (uint16_t)sum;
+}

@@ -62,4 +62,7 @@ size_t tl_modbus_peer_connections(tl_modbus_peer *peer);
  * Returns the size. Any thread. */
 size_t tl_modbus_peer_values(unsigned function, unsigned address, unsigned count, uint8_t *data);
 
+/* Returns the check sum of a frame of a line, which is sent with the lower byte first. */
+uint16_t tl_modbus_peer_sum(const uint8_t *bytes, size_t size);
+
 #endif

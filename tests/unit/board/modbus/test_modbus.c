@@ -48,8 +48,39 @@ static answer_function *note_request(const uint8_t *request, size_t size) {
     return answer;
 }
 
+/* A gateway that forwards frames of a line. The answers of a test have the prefix of TCP in either
+ * case. `wrong_sums`: so many answers have a wrong check sum. */
+static bool framed;
+static int wrong_sums;
+
+enum { PREFIX = 6, SUM = 2 };
+
+static bool serve_framed(int client) {
+    uint8_t request[FRAME] = {0, 0, 0, 0, 0, PREFIX};
+    uint8_t reply[FRAME + SUM];
+    ssize_t size = recv(client, request + PREFIX, sizeof request - PREFIX, 0);
+    if (size != 8 || tl_modbus_peer_sum(request + PREFIX, 8) != 0) { /* 0: over the sum, too */
+        return false;
+    }
+    int length = note_request(request, 12)(request, reply);
+    if (length == HANG_UP) {
+        return false;
+    }
+    if (length > PREFIX) {
+        unsigned sum = tl_modbus_peer_sum(reply + PREFIX, (size_t)length - PREFIX) ^ (wrong_sums-- > 0 ? 0x10U : 0U);
+        reply[length] = (uint8_t)(sum & 0xFF);
+        reply[length + 1] = (uint8_t)(sum >> 8);
+        length += SUM - PREFIX;
+        return send(client, reply + PREFIX, (size_t)length, MSG_NOSIGNAL) == length;
+    }
+    return true;
+}
+
 /* false: close the connection. */
 static bool serve(int client) {
+    if (framed) {
+        return serve_framed(client);
+    }
     uint8_t request[FRAME];
     uint8_t reply[FRAME];
     ssize_t size = recv(client, request, sizeof request, 0);
@@ -265,6 +296,7 @@ void setUp(void) {
     memset(channels, 0, sizeof channels);
     channel_count = 0;
     tl_modbus_peer_forget(&other);
+    framed = false;
 }
 
 /* The driver sent only whole requests of functions 1 to 4, within the limits of the protocol. */
@@ -1055,6 +1087,105 @@ static void test_silent_units_that_are_asked_first(void) {
     tl_probe_expect(&probe, 2, 3, TL_GOOD);
 }
 
+/* ---- frames of a line by TCP ---- */
+
+static void open_framed_driver(answer_function *answer, double timeout_s) {
+    framed = true;
+    start_peer(answer);
+    tl_modbus_settings settings = settings_for("127.0.0.1", other.port, timeout_s);
+    settings.rtu_framing = true;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
+}
+
+static void add_every_table(void) {
+    add_of(1, TL_MODBUS_COIL, 1, TL_MODBUS_BIT);
+    add_of(2, TL_MODBUS_DISCRETE, 65535, TL_MODBUS_BIT);
+    add_of(3, TL_MODBUS_HOLDING, 1000, TL_MODBUS_UINT16);
+    add_of(3, TL_MODBUS_INPUT, 1, TL_MODBUS_UINT32);
+    for (unsigned i = 0; i < TL_MODBUS_MAX_REGISTERS; i++) {
+        add_of(4, TL_MODBUS_INPUT, i, TL_MODBUS_UINT16);
+    }
+}
+
+static void test_framed_values(void) {
+    add_every_table();
+    open_framed_driver(sane, 10);
+    for (int i = 0; i < 3; i++) {
+        tl_probe_poll(&probe);
+        tl_probe_expect(&probe, 0, 1, TL_GOOD);
+        tl_probe_expect(&probe, 1, 1, TL_GOOD);
+        tl_probe_expect(&probe, 2, 1000, TL_GOOD);
+        tl_probe_expect(&probe, 3, 65538, TL_GOOD);
+        tl_probe_expect(&probe, 3 + TL_MODBUS_MAX_REGISTERS, TL_MODBUS_MAX_REGISTERS - 1, TL_GOOD);
+    }
+    TEST_ASSERT_EQUAL_size_t(15, tl_modbus_peer_requests(&other));
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_peer_connections(&other));
+}
+
+static void test_a_framed_answer_with_a_wrong_sum(void) {
+    add(1);
+    wrong_sums = 1;
+    open_framed_driver(sane, 10);
+    tl_probe_poll_down(&probe, 1, "CRC|framing");
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    TEST_ASSERT_EQUAL_size_t(2, tl_modbus_peer_connections(&other)); /* late bytes are lost with the first one */
+}
+
+static void test_framed_silence(void) {
+    add(1);
+    open_framed_driver(silent, 0.2);
+    tl_probe_poll_down(&probe, 1, "0.2 s|framing");
+    set_answer(sane);
+    tl_probe_poll_until(&probe, 0, TL_GOOD);
+}
+
+static void test_half_of_a_framed_answer(void) {
+    add(1);
+    add(2);
+    open_framed_driver(half_a_frame, 0.2);
+    tl_probe_poll_down(&probe, 2, "0.2 s");
+}
+
+static void test_framed_exceptions(void) {
+    add_three_units();
+    open_framed_driver(unit_2_fails, 10);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
+    tl_probe_expect(&probe, 2, 3, TL_GOOD);
+    tl_probe_expect_part(&probe, "unit 2|holding|Slave device or server failure");
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_peer_connections(&other));
+}
+
+static void test_a_hole_behind_a_gateway(void) {
+    add(3);
+    add(10);
+    open_framed_driver(has_a_hole, 10);
+    tl_probe_poll(&probe);
+    tl_probe_expect(&probe, 0, 3, TL_GOOD);
+    tl_probe_expect(&probe, 1, 10, TL_GOOD);
+}
+
+static void test_more_than_a_framed_answer(void) {
+    add(1);
+    open_framed_driver(talkative, 10);
+    tl_probe_poll_down(&probe, 1, "CRC"); /* the sum is at the end of all bytes */
+}
+
+/* A gateway with the other framing. */
+static void test_the_wrong_framing(void) {
+    add(1);
+    start_peer(silent);
+    tl_modbus_settings settings = settings_for("127.0.0.1", other.port, 0.2);
+    settings.rtu_framing = true;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
+    tl_probe_poll_down(&probe, 1, "framing");
+    tl_modbus_peer_stop(&other);
+    TEST_ASSERT_EQUAL_size_t(8, other.recorded);
+    tl_modbus_peer_forget(&other); /* no request of Modbus TCP */
+}
+
 /* ---- interrupt ---- */
 
 static bool polling; /* atomic */
@@ -1357,6 +1488,14 @@ int main(void) {
     RUN_TEST(test_a_new_device_gets_the_large_requests);
     RUN_TEST(test_a_silent_unit_does_not_stop_the_others);
     RUN_TEST(test_silent_units_that_are_asked_first);
+    RUN_TEST(test_framed_values);
+    RUN_TEST(test_a_framed_answer_with_a_wrong_sum);
+    RUN_TEST(test_framed_silence);
+    RUN_TEST(test_half_of_a_framed_answer);
+    RUN_TEST(test_framed_exceptions);
+    RUN_TEST(test_a_hole_behind_a_gateway);
+    RUN_TEST(test_more_than_a_framed_answer);
+    RUN_TEST(test_the_wrong_framing);
     RUN_TEST(test_interrupt_while_it_waits_for_an_answer);
     RUN_TEST(test_interrupt_during_a_pause);
     RUN_TEST(test_interrupt_while_it_connects);

@@ -1,5 +1,6 @@
 /* Modbus requests and answers as bytes, and the outcome of a request as text. */
 #include <errno.h>
+#include <modbus.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -113,6 +114,62 @@ static void test_an_answer_on_a_line(void) {
     expect(TL_MODBUS_WRONG_UNIT, 0, 17, tl_modbus_check_rtu(&REGISTERS, answer, 9));
 }
 
+/* ---- frames of a line by TCP: the example of the standard for function 3 ---- */
+
+static const tl_modbus_read FRAMED = {.unit_id = 17, .table = TL_MODBUS_HOLDING, .address = 0x006B, .count = 3};
+static const uint8_t FRAMED_ANSWER[] = {0x11, 3, 6, 0xAE, 0x41, 0x56, 0x52, 0x43, 0x40, 0x49, 0xAD};
+
+static void test_a_framed_request(void) {
+    static const uint8_t EXPECTED[] = {0x11, 3, 0, 0x6B, 0, 3, 0x76, 0x87};
+    const tl_modbus_question asked = {.read = &FRAMED};
+    uint8_t request[TL_MODBUS_TCP_REQUEST];
+    tl_modbus_put_framed(&asked, request);
+    TEST_ASSERT_EQUAL_HEX8_ARRAY(EXPECTED, request, sizeof EXPECTED);
+}
+
+static void test_a_framed_answer_as_it_grows(void) {
+    const tl_modbus_question asked = {.read = &FRAMED};
+    for (size_t size = 0; size <= sizeof FRAMED_ANSWER; size++) {
+        size_t missing = 99;
+        expect(TL_MODBUS_VALUES, size < 5 ? 0 : 9, size < 5 ? 0 : 9,
+               tl_modbus_check_framed(&asked, FRAMED_ANSWER, size, &missing));
+        TEST_ASSERT_EQUAL_size_t((size < 5 ? 5 : sizeof FRAMED_ANSWER) - size, missing);
+    }
+}
+
+static void test_a_framed_answer_with_one_wrong_bit(void) {
+    for (size_t bit = 0; bit < 8 * sizeof FRAMED_ANSWER; bit++) {
+        const tl_modbus_question asked = {.read = &FRAMED, .any_unit_id = bit < 8};
+        uint8_t answer[sizeof FRAMED_ANSWER];
+        size_t missing = 99;
+        memcpy(answer, FRAMED_ANSWER, sizeof answer);
+        answer[bit / 8] = (uint8_t)(answer[bit / 8] ^ 1U << bit % 8);
+        tl_modbus_outcome outcome = tl_modbus_check_framed(&asked, answer, sizeof answer, &missing);
+        TEST_ASSERT_TRUE(outcome.kind > TL_MODBUS_EXCEPTION);
+        TEST_ASSERT_EQUAL_size_t(0, missing);
+        if (bit / 8 != 1 && bit / 8 != 2) {
+            expect(TL_MODBUS_FAILED, EMBBADCRC, 0, outcome);
+        }
+    }
+}
+
+static void test_framed_answers_that_differ(void) {
+    tl_modbus_question asked = {.read = &FRAMED};
+    uint8_t answer[] = {0x12, 0x83, 2, 0, 0};
+    size_t missing = 99;
+    expect(TL_MODBUS_WRONG_UNIT, 0x12, 0x11, tl_modbus_check_framed(&asked, answer, sizeof answer, &missing));
+    answer[0] = 0x11;
+    expect(TL_MODBUS_FAILED, EMBBADCRC, 0, tl_modbus_check_framed(&asked, answer, sizeof answer, &missing));
+    answer[3] = 0xC1; /* by pymodbus */
+    answer[4] = 0x34;
+    expect(TL_MODBUS_EXCEPTION, 2, 0, tl_modbus_check_framed(&asked, answer, sizeof answer, &missing));
+    TEST_ASSERT_EQUAL_size_t(0, missing);
+    answer[1] = 0x84;
+    expect(TL_MODBUS_WRONG_FUNCTION, 0x84, 3, tl_modbus_check_framed(&asked, answer, sizeof answer, &missing));
+    answer[1] = 3;
+    expect(TL_MODBUS_WRONG_BYTES, 2, 6, tl_modbus_check_framed(&asked, answer, sizeof answer, &missing));
+}
+
 /* ---- text ---- */
 
 static const char *text_of(tl_modbus_kind kind, int found, bool on_a_line) {
@@ -129,6 +186,8 @@ static void test_texts_of_failures(void) {
     TEST_ASSERT_FALSE(tl_test_has_parts(text_of(TL_MODBUS_FAILED, EPROTO, false), "0.5 s"));
     TL_EXPECT_PARTS("without an answer|Connection reset|programs", text_of(TL_MODBUS_FAILED, ECONNRESET, false));
     TL_EXPECT_PARTS("line|master", text_of(TL_MODBUS_FAILED, EBUSY, true));
+    TL_EXPECT_PARTS("CRC|baud", text_of(TL_MODBUS_FAILED, EMBBADCRC, true));
+    TL_EXPECT_PARTS("CRC|gateway|framing", text_of(TL_MODBUS_FAILED, EMBBADCRC, false));
 }
 
 /* The remedy names a gateway for TCP, and another master for a line. */
@@ -168,6 +227,10 @@ int main(void) {
     RUN_TEST(test_each_byte_of_the_head);
     RUN_TEST(test_found_and_wanted_values);
     RUN_TEST(test_an_answer_on_a_line);
+    RUN_TEST(test_a_framed_request);
+    RUN_TEST(test_a_framed_answer_as_it_grows);
+    RUN_TEST(test_a_framed_answer_with_one_wrong_bit);
+    RUN_TEST(test_framed_answers_that_differ);
     RUN_TEST(test_texts_of_failures);
     RUN_TEST(test_the_remedy_depends_on_the_link);
     RUN_TEST(test_outcomes_that_are_not_reported_again);

@@ -41,15 +41,6 @@ static answer_function *answer_now;
 static tl_time last_request; /* time of the last request */
 static char path[64];        /* a link to the end of the driver */
 
-static uint16_t check_sum(const uint8_t *bytes, size_t size) {
-    unsigned sum = 0xFFFF;
-    for (size_t i = 0; i < 8 * size; i++) {
-        sum ^= i % 8 == 0 ? bytes[i / 8] : 0U;
-        sum = (sum & 1) != 0 ? sum >> 1 ^ 0xA001U : sum >> 1;
-    }
-    return (uint16_t)sum;
-}
-
 static answer_function *note(const uint8_t *request) {
     (void)pthread_mutex_lock(&other.lock);
     tl_modbus_peer_note(&other, request, REQUEST);
@@ -120,7 +111,7 @@ static unsigned count_of(const uint8_t *request) {
 }
 
 static size_t finish(uint8_t *frame, size_t size) {
-    uint16_t sum = check_sum(frame, size);
+    uint16_t sum = tl_modbus_peer_sum(frame, size);
     frame[size] = (uint8_t)sum;
     frame[size + 1] = (uint8_t)(sum >> 8);
     return size + 2;
@@ -304,7 +295,7 @@ void tearDown(void) {
     pull_out();
     for (size_t at = 0; at < other.recorded; at += REQUEST) {
         const uint8_t *request = other.record + at;
-        unsigned sum = check_sum(request, REQUEST - 2);
+        unsigned sum = tl_modbus_peer_sum(request, REQUEST - 2);
         TEST_ASSERT_EQUAL_HEX8(sum & 0xFF, request[6]);
         TEST_ASSERT_EQUAL_HEX8(sum >> 8, request[7]);
         TEST_ASSERT_TRUE(request[0] >= 1 && request[0] <= 247);
