@@ -472,6 +472,7 @@ static tl_modbus_link *make_link(const tl_modbus_settings *settings) {
     const tl_modbus_server server = {.host = settings->host,
                                      .port = settings->port,
                                      .any_unit_id = settings->any_unit_id,
+                                     .any_transaction_id = settings->any_transaction_id,
                                      .rtu_framing = settings->rtu_framing};
     return settings->line.device != NULL ? tl_modbus_rtu_make(&settings->line, timeout)
                                          : tl_modbus_tcp_make(&server, timeout);

@@ -55,13 +55,14 @@ typedef struct tl_modbus_settings {
     const char *host; /* name or address; ignored if line.device is set */
     uint16_t port;
     bool any_unit_id; /* TCP: accept answers with another unit than the request; some devices and gateways send them */
-    bool rtu_framing; /* TCP: frames of a line, as some gateways forward them */
-    tl_modbus_line line;    /* line.device: NULL for TCP */
-    uint8_t most_registers; /* of a request with several values, 1 … 125; 0: 125 */
-    bool split_failed;      /* also split a request after exception 4, and if its answer fails twice in a row */
-    double pause_s;         /* before each request, since the last response or the connection, s; 0 … 60 */
-    double period_s;        /* with a pause: how long in a poll requests are repeated to a busy device, s */
-    double timeout_s;       /* longest wait for a connection, and for a response, s; 0.001 … 3600 */
+    bool any_transaction_id; /* TCP: accept answers with another transaction; some devices always send the same */
+    bool rtu_framing;        /* TCP: frames of a line, as some gateways forward them */
+    tl_modbus_line line;     /* line.device: NULL for TCP */
+    uint8_t most_registers;  /* of a request with several values, 1 … 125; 0: 125 */
+    bool split_failed;       /* also split a request after exception 4, and if its answer fails twice in a row */
+    double pause_s;          /* before each request, since the last response or the connection, s; 0 … 60 */
+    double period_s;         /* with a pause: how long in a poll requests are repeated to a busy device, s */
+    double timeout_s;        /* longest wait for a connection, and for a response, s; 0.001 … 3600 */
     const tl_modbus_channel *channels;
     size_t channel_count;
 } tl_modbus_settings;

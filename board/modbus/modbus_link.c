@@ -97,7 +97,10 @@ static tl_modbus_outcome check_function(const tl_modbus_read *read, const uint8_
 /* Checks what comes before the function. */
 static tl_modbus_outcome check_header(const tl_modbus_question *asked, const uint8_t *answer) {
     const size_t length = word_at(answer + 4);
-    tl_modbus_outcome outcome = compare(TL_MODBUS_WRONG_TRANSACTION, word_at(answer), asked->transaction);
+    tl_modbus_outcome outcome = {.kind = TL_MODBUS_VALUES};
+    if (!asked->any_transaction_id) {
+        outcome = compare(TL_MODBUS_WRONG_TRANSACTION, word_at(answer), asked->transaction);
+    }
     if (outcome.kind == TL_MODBUS_VALUES) {
         outcome = compare(TL_MODBUS_WRONG_PROTOCOL, word_at(answer + 2), 0);
     }

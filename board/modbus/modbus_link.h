@@ -64,7 +64,8 @@ typedef struct tl_modbus_values {
 typedef struct tl_modbus_question {
     const tl_modbus_read *read;
     uint16_t transaction;
-    bool any_unit_id; /* accept an answer with another unit */
+    bool any_unit_id;        /* accept an answer with another unit */
+    bool any_transaction_id; /* accept an answer with another transaction */
 } tl_modbus_question;
 
 /* Returns the number of value bytes in the answer to a request. */
@@ -159,8 +160,9 @@ struct tl_modbus_link {
 typedef struct tl_modbus_server {
     const char *host; /* name or address; copied */
     uint16_t port;
-    bool any_unit_id; /* accept answers with another unit than the request */
-    bool rtu_framing; /* frames of a line instead of those of Modbus TCP */
+    bool any_unit_id;        /* accept answers with another unit than the request */
+    bool any_transaction_id; /* accept answers with another transaction than the request */
+    bool rtu_framing;        /* frames of a line instead of those of Modbus TCP */
 } tl_modbus_server;
 
 /* Creates a TCP link; does not connect. The caller frees it by kind->release(). Returns NULL with

@@ -70,9 +70,11 @@ void tl_modbus_outcome_text(const tl_modbus_outcome *outcome, bool on_a_line, tl
         exception_text(found, text, size);
         break;
     case TL_MODBUS_WRONG_TRANSACTION:
-        (void)snprintf(text, size,
-                       "answered transaction %d instead of %d: check host and port; a device may answer only once",
-                       found, wanted);
+        (void)snprintf(
+            text, size,
+            "answered transaction %d instead of %d: check host and port; a device may answer only once. If it "
+            "always answers so, add \"any_transaction_id\": true to its source",
+            found, wanted);
         break;
     case TL_MODBUS_WRONG_PROTOCOL:
         (void)snprintf(text, size, "answered with protocol %d instead of %d (Modbus): check host and port", found,

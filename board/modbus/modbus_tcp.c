@@ -29,6 +29,7 @@ typedef struct tcp_link {
     char *host;
     char service[8];
     bool any_unit_id;
+    bool any_transaction_id;
     bool rtu_framing;
     uint16_t transaction; /* of the last request */
     bool has_surplus;     /* bytes followed a short answer */
@@ -173,7 +174,10 @@ static tl_modbus_outcome exchange(tcp_link *tcp, const tl_modbus_read *read, tl_
     uint8_t request[TL_MODBUS_TCP_REQUEST];
     uint8_t answer[TL_MODBUS_TCP_ANSWER];
     tcp->transaction++;
-    const tl_modbus_question asked = {.read = read, .transaction = tcp->transaction, .any_unit_id = tcp->any_unit_id};
+    const tl_modbus_question asked = {.read = read,
+                                      .transaction = tcp->transaction,
+                                      .any_unit_id = tcp->any_unit_id,
+                                      .any_transaction_id = tcp->any_transaction_id};
     frame->put(&asked, request);
     errno = EIO;
     if (send(link->descriptor, request, frame->request, MSG_NOSIGNAL) != (ssize_t)frame->request) {
@@ -255,6 +259,7 @@ tl_modbus_link *tl_modbus_tcp_make(const tl_modbus_server *server, tl_time timeo
     const tl_modbus_link_settings settings = {.kind = &TCP, .timeout = timeout, .name = name};
     tcp->host = strdup(server->host);
     tcp->any_unit_id = server->any_unit_id;
+    tcp->any_transaction_id = server->any_transaction_id;
     tcp->rtu_framing = server->rtu_framing;
     (void)snprintf(tcp->service, sizeof tcp->service, "%u", (unsigned)server->port);
     (void)snprintf(name, sizeof name, "Modbus server %.80s:%s", server->host, tcp->service);

@@ -43,6 +43,7 @@ static void read_tcp_source(tl_config_object *object, tl_config_source *source) 
     (void)tl_config_get_text(object, "host", TL_CONFIG_REQUIRED, "\"192.0.2.10\"", &settings->host);
     (void)tl_config_get_number(object, "port", &port_rule, &port);
     (void)tl_config_get_boolean(object, "any_unit_id", &settings->any_unit_id);
+    (void)tl_config_get_boolean(object, "any_transaction_id", &settings->any_transaction_id);
     (void)tl_config_get_choice(object, "framing", TL_CONFIG_OPTIONAL, framings, &framing);
     settings->rtu_framing = framing == 1;
     read_timeout(object, settings);
@@ -319,6 +320,7 @@ static tl_status open_modbus(const tl_config_source *source, const char *path, c
 }
 
 static const tl_change_rule TCP_RULES[] = {
+    {"sources.*.modbus_tcp.any_transaction_id", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.any_unit_id", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.most_registers", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.pause_s", TL_RULE_RETUNE, NULL},

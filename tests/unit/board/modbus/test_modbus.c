@@ -163,6 +163,24 @@ static int another_transaction(const uint8_t *request, uint8_t *reply) {
     return size;
 }
 
+static int always_transaction_7(const uint8_t *request, uint8_t *reply) {
+    int size = sane(request, reply);
+    reply[0] = 0;
+    reply[1] = 7;
+    return size;
+}
+
+/* Answers the first request after its time-out. */
+static bool was_late; /* used by the thread of the peer */
+
+static int late_at_first(const uint8_t *request, uint8_t *reply) {
+    if (!was_late) {
+        tl_test_pause_ms(100);
+    }
+    was_late = true;
+    return always_transaction_7(request, reply);
+}
+
 static int another_function(const uint8_t *request, uint8_t *reply) {
     int size = sane(request, reply);
     reply[7] ^= 7; /* 3 becomes 4 */
@@ -613,6 +631,36 @@ static void test_garbage_later(void) {
 
 static void test_another_transaction(void) {
     expect_down_and_up(another_transaction, 10, "transaction|0|1");
+}
+
+static void test_a_device_that_always_sends_the_same_transaction(void) {
+    add(1);
+    add(1000);
+    start_peer(always_transaction_7);
+    tl_modbus_settings settings = settings_for("127.0.0.1", other.port, 10);
+    settings.any_transaction_id = true;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
+    for (int i = 0; i < 5; i++) {
+        tl_probe_poll(&probe);
+        tl_probe_expect(&probe, 0, 1, TL_GOOD);
+        tl_probe_expect(&probe, 1, 1000, TL_GOOD);
+    }
+    TEST_ASSERT_EQUAL_size_t(1, tl_modbus_peer_connections(&other));
+}
+
+/* Late answers are lost with their connection: none is taken for the answer to another request. */
+static void test_late_answers_with_the_same_transaction(void) {
+    add(1);
+    add(1000);
+    start_peer(late_at_first);
+    tl_modbus_settings settings = settings_for("127.0.0.1", other.port, 0.05);
+    settings.any_transaction_id = true;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
+    tl_probe_poll_down(&probe, 2, "0.05 s");
+    for (size_t i = 0; i < 2; i++) {
+        tl_probe_poll_until(&probe, i, TL_GOOD);
+        tl_probe_expect(&probe, i, i == 0 ? 1 : 1000, TL_GOOD);
+    }
 }
 
 static void test_another_function(void) {
@@ -1462,6 +1510,8 @@ int main(void) {
     RUN_TEST(test_garbage);
     RUN_TEST(test_garbage_later);
     RUN_TEST(test_another_transaction);
+    RUN_TEST(test_a_device_that_always_sends_the_same_transaction);
+    RUN_TEST(test_late_answers_with_the_same_transaction);
     RUN_TEST(test_another_function);
     RUN_TEST(test_too_few_values);
     RUN_TEST(test_an_answer_that_trickles);

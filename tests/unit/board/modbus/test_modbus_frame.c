@@ -59,7 +59,8 @@ static void test_bits(void) {
     TEST_ASSERT_EQUAL_UINT8_ARRAY(EXPECTED, values.bits, sizeof EXPECTED);
 }
 
-/* Each byte of the header of an answer has one right value, except the unit with any_unit_id. */
+/* Each byte of the header of an answer has one right value, except the unit with any_unit_id and the
+ * transaction with any_transaction_id. */
 static void test_each_byte_of_the_head(void) {
     static const uint8_t RIGHT[] = {0xAB, 0xCD, 0, 0, 0, 9, 17, 4, 6, 0, 1, 2, 3, 4, 5};
     static const tl_modbus_kind KINDS[] = {
@@ -83,6 +84,10 @@ static void test_each_byte_of_the_head(void) {
             asked.any_unit_id = true;
             outcome = tl_modbus_check_tcp(&asked, answer, sizeof answer, &missing);
             TEST_ASSERT_EQUAL(value == RIGHT[at] || at == 6, outcome.kind == TL_MODBUS_VALUES);
+            asked.any_unit_id = false;
+            asked.any_transaction_id = true;
+            outcome = tl_modbus_check_tcp(&asked, answer, sizeof answer, &missing);
+            TEST_ASSERT_EQUAL(value == RIGHT[at] || at < 2, outcome.kind == TL_MODBUS_VALUES);
         }
     }
 }

@@ -173,12 +173,14 @@ static void test_sources(void) {
     TEST_ASSERT_EQUAL_DOUBLE(0.02, source[0].period_s);
     TEST_ASSERT_EQUAL_DOUBLE(0.25, modbus_by(&source[0])->timeout_s);
     TEST_ASSERT_TRUE(modbus_by(&source[0])->any_unit_id);
+    TEST_ASSERT_TRUE(modbus_by(&source[0])->any_transaction_id);
     TEST_ASSERT_TRUE(modbus_by(&source[0])->rtu_framing);
     TEST_ASSERT_EQUAL_UINT8(40, modbus_by(&source[0])->most_registers);
     TEST_ASSERT_EQUAL_DOUBLE(0.002, modbus_by(&source[0])->pause_s);
     TEST_ASSERT_TRUE(modbus_by(&source[0])->split_failed);
     TEST_ASSERT_EQUAL_STRING("plc.example", modbus_by(&source[1])->host);
     TEST_ASSERT_FALSE(modbus_by(&source[1])->any_unit_id);
+    TEST_ASSERT_FALSE(modbus_by(&source[1])->any_transaction_id);
     TEST_ASSERT_FALSE(modbus_by(&source[1])->rtu_framing);
     TEST_ASSERT_EQUAL_UINT8(125, modbus_by(&source[1])->most_registers);
     TEST_ASSERT_EQUAL_DOUBLE(0, modbus_by(&source[1])->pause_s);

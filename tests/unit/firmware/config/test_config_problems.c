@@ -140,6 +140,8 @@ static void test_sources(void) {
         {"\"most_registers\": 40", "\"most_registers\": 0", "sources.plc.modbus_tcp.most_registers", "0|1|125", NULL},
         {"\"most_registers\": 1,", "\"most_registers\": 126,", "sources.bus.modbus_rtu.most_registers", "126|1|125",
          NULL},
+        {"\"any_transaction_id\": true", "\"any_transaction_id\": 0", "sources.plc.modbus_tcp.any_transaction_id",
+         "0|true|false", NULL},
         {"\"framing\": \"rtu\"", "\"framing\": \"ascii\"", "sources.plc.modbus_tcp.framing", "\"ascii\"|\"tcp\"|\"rtu\"", NULL},
         {"\"pause_s\": 0.002", "\"pause_s\": -0.1", "sources.plc.modbus_tcp.pause_s", "-0.1|0|60", NULL},
         {"\"pause_s\": 60", "\"pause_s\": 61", "sources.bus.modbus_rtu.pause_s", "61|0|60", NULL},
