@@ -25,6 +25,7 @@ typedef struct tl_modbus_line {
     uint32_t baud;      /* bit/s, one of tl_modbus_bauds */
     char parity;        /* 'N', 'E', 'O' */
     uint8_t stop_bits;  /* 1, 2 */
+    bool echo;          /* true: the adapter also receives what it sends */
     bool rs485;         /* true: the port's kernel driver switches the direction (TIOCSRS485) */
 } tl_modbus_line;
 

@@ -49,13 +49,16 @@ static void failure_text(int failure, bool on_a_line, tl_time timeout, char *tex
                        on_a_line ? "wiring" : "network");
     } else if (failure == EBUSY) {
         (void)snprintf(text, size, "the line is never quiet: check baud and parity; only one master may use the line");
+    } else if (failure == EBADMSG) {
+        (void)snprintf(text, size, "the adapter does not receive what it sends: check the wiring, or remove echo");
     } else if (failure == ECONNRESET || failure == EPIPE) {
         (void)snprintf(text, size,
                        "the device closes the connection without an answer (%s): end other programs that use it",
                        reason);
     } else if (failure > MODBUS_ENOBASE) {
         (void)snprintf(text, size, "%s: check %s", reason,
-                       on_a_line ? "baud, parity, stop_bits and wiring" : "the line behind the gateway, and framing");
+                       on_a_line ? "baud, parity, stop_bits, echo and wiring"
+                                 : "the line behind the gateway, and framing");
     } else {
         (void)snprintf(text, size, "%s: check the %s", reason, on_a_line ? "adapter" : "network");
     }

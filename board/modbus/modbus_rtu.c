@@ -40,6 +40,7 @@ typedef struct rtu_link {
     tl_modbus_link link;
     modbus_t *context;
     char *device;
+    bool echo;
     bool rs485;
     tl_time character; /* ns on the wire */
     tl_time quiet;     /* between two frames */
@@ -139,7 +140,7 @@ static tl_modbus_health rtu_check(const tl_modbus_link *link) {
 static bool is_port_failure(const tl_modbus_outcome *outcome) {
     const int failure = outcome->found;
     return outcome->kind == TL_MODBUS_FAILED && failure != EINTR && failure != ETIMEDOUT && failure != EPROTO &&
-           failure != EBUSY && failure < MODBUS_ENOBASE;
+           failure != EBUSY && failure != EBADMSG && failure < MODBUS_ENOBASE;
 }
 
 static void rtu_failed(tl_modbus_link *link, const tl_modbus_outcome *outcome) {
@@ -200,6 +201,27 @@ static int send_request(rtu_link *rtu, const tl_modbus_read *read) {
                : errno;
 }
 
+/* Receives the request that was just sent. Returns 0 or errno; EBADMSG: it does not come. */
+static int drop_echo(rtu_link *rtu, const tl_modbus_read *read_request, tl_time deadline) {
+    const tl_modbus_question asked = {.read = read_request};
+    uint8_t sent[TL_MODBUS_TCP_REQUEST];
+    uint8_t echo[REQUEST];
+    size_t size = 0;
+    tl_modbus_put_framed(&asked, sent);
+    while (size < sizeof echo) {
+        int failure = tl_modbus_link_await(&rtu->link, rtu->link.descriptor, POLLIN, deadline);
+        if (failure != 0) {
+            return failure == ETIMEDOUT ? EBADMSG : failure;
+        }
+        ssize_t count = read(rtu->link.descriptor, echo + size, sizeof echo - size);
+        if (count <= 0) { /* readable without bytes: it was hung up */
+            return EIO;
+        }
+        size += (size_t)count;
+    }
+    return memcmp(sent, echo, sizeof echo) == 0 ? 0 : EBADMSG;
+}
+
 /* Receives the whole response after its first byte. Returns its length, or −errno. */
 static int receive(rtu_link *rtu, const tl_modbus_read *read, uint8_t *response, tl_time deadline) {
     int failure = tl_modbus_link_await(&rtu->link, rtu->link.descriptor, POLLIN, deadline);
@@ -237,7 +259,8 @@ static tl_modbus_outcome rtu_ask(tl_modbus_link *link, const tl_modbus_read *rea
         return failed_with(failure);
     }
     tl_time deadline = tl_monotonic_now() + link->timeout + REQUEST * rtu->character;
-    int length = receive(rtu, read, response, deadline);
+    failure = rtu->echo ? drop_echo(rtu, read, deadline) : 0;
+    int length = failure == 0 ? receive(rtu, read, response, deadline) : -failure;
     rtu->last = tl_monotonic_now();
     rtu->failed = false;
     if (length < 0) {
@@ -272,6 +295,7 @@ tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout) 
     const tl_modbus_link_settings settings = {.kind = &RTU, .timeout = timeout, .name = name};
     rtu->device = strdup(line->device);
     rtu->context = modbus_new_rtu(line->device, (int)line->baud, line->parity, 8, line->stop_bits);
+    rtu->echo = line->echo;
     rtu->rs485 = line->rs485;
     rtu->character = character_time(line);
     rtu->quiet = line->baud > 19200 ? QUIET_IF_FAST : 7 * rtu->character / 2;

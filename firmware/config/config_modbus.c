@@ -109,6 +109,7 @@ static void read_rtu_source(tl_config_object *object, tl_config_source *source) 
     double stop_bits = parity == 2 ? 2 : 1;
     (void)tl_config_get_number(object, "stop_bits", &stop_rule, &stop_bits);
     (void)tl_config_get_boolean(object, "rs485", &line->rs485);
+    (void)tl_config_get_boolean(object, "echo", &line->echo);
     read_timeout(object, settings);
     read_manners(object, settings);
     line->parity = "EON"[parity];

@@ -246,6 +246,32 @@ static void is_silent_at_4(int line, const uint8_t *request) {
     has_4 ? silent(line, request) : sane(line, request);
 }
 
+/* An adapter that receives what it sends. */
+static void echoed(int line, const uint8_t *request) {
+    say(line, request, REQUEST);
+    sane(line, request);
+}
+
+static void echo_only(int line, const uint8_t *request) {
+    say(line, request, REQUEST);
+}
+
+/* Another master has sent at the same time. */
+static void wrong_echo(int line, const uint8_t *request) {
+    uint8_t echo[REQUEST];
+    memcpy(echo, request, REQUEST);
+    echo[3] ^= 1;
+    say(line, echo, REQUEST);
+    sane(line, request);
+}
+
+static void echo_in_pieces(int line, const uint8_t *request) {
+    say(line, request, 3);
+    tl_test_pause_ms(5);
+    say(line, request + 3, REQUEST - 3);
+    sane(line, request);
+}
+
 static void has_a_hole(int line, const uint8_t *request) {
     unsigned end = address_of(request) + count_of(request);
     end > 4 && address_of(request) < 10 ? exception(line, request, 2) : sane(line, request);
@@ -748,6 +774,63 @@ static void test_silence_at_one_address(void) {
     tl_probe_expect(&probe, 1, 0, TL_NO_LINK);
 }
 
+static void open_driver_with_echo(answer_function *answer, double timeout_s) {
+    add(1, 1);
+    add(1, 1000);
+    plug_in(answer);
+    tl_modbus_settings settings = settings_with(timeout_s);
+    settings.line.echo = true;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
+}
+
+static void expect_echo_is_dropped(answer_function *answer) {
+    open_driver_with_echo(answer, 5);
+    for (int i = 0; i < 3; i++) {
+        tl_probe_poll(&probe);
+        tl_probe_expect(&probe, 0, 1, TL_GOOD);
+        tl_probe_expect(&probe, 1, 1000, TL_GOOD);
+    }
+}
+
+static void test_an_echo_is_dropped(void) {
+    expect_echo_is_dropped(echoed);
+}
+
+static void test_an_echo_in_pieces_is_dropped(void) {
+    expect_echo_is_dropped(echo_in_pieces);
+}
+
+static void test_an_echo_without_an_answer(void) {
+    open_driver_with_echo(echo_only, 0.1);
+    tl_probe_poll_down(&probe, 2, "0.1 s|baud");
+}
+
+/* Then the first bytes of the answer are no echo. */
+static void test_an_echo_that_does_not_come(void) {
+    open_driver_with_echo(sane, 0.1);
+    tl_probe_poll_down(&probe, 2, "adapter|echo");
+}
+
+static void test_no_echo_and_no_answer(void) {
+    open_driver_with_echo(silent, 0.1);
+    tl_probe_poll_down(&probe, 2, "adapter|echo");
+}
+
+static void test_a_wrong_echo(void) {
+    open_driver_with_echo(wrong_echo, 5);
+    tl_probe_poll_down(&probe, 2, "adapter|echo");
+    set_answer(echoed);
+    tl_probe_poll_until(&probe, 0, TL_GOOD); /* the rest of the answer was dropped */
+    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+}
+
+static void test_an_echo_that_is_not_expected(void) {
+    add(1, 1);
+    plug_in(echoed);
+    open_driver(0.1);
+    tl_probe_poll_down(&probe, 1, "echo");
+}
+
 static void test_a_poll_of_a_dead_line_is_short(void) {
     for (uint8_t unit = 1; unit <= 10; unit++) {
         add(unit, unit);
@@ -856,6 +939,13 @@ int main(void) {
     RUN_TEST(test_a_silent_unit_does_not_stop_the_others);
     RUN_TEST(test_silent_units_that_are_asked_first);
     RUN_TEST(test_silence_at_one_address);
+    RUN_TEST(test_an_echo_is_dropped);
+    RUN_TEST(test_an_echo_in_pieces_is_dropped);
+    RUN_TEST(test_an_echo_without_an_answer);
+    RUN_TEST(test_an_echo_that_does_not_come);
+    RUN_TEST(test_no_echo_and_no_answer);
+    RUN_TEST(test_a_wrong_echo);
+    RUN_TEST(test_an_echo_that_is_not_expected);
     RUN_TEST(test_a_poll_of_a_dead_line_is_short);
     RUN_TEST(test_interrupt_while_it_waits);
     RUN_TEST(test_an_interrupt_is_not_lost);

@@ -204,6 +204,7 @@ static void test_a_serial_line(void) {
     TEST_ASSERT_EQUAL_INT('N', modbus_by(bus)->line.parity);
     TEST_ASSERT_EQUAL_UINT8(1, modbus_by(bus)->line.stop_bits);
     TEST_ASSERT_TRUE(modbus_by(bus)->line.rs485);
+    TEST_ASSERT_TRUE(modbus_by(bus)->line.echo);
     TEST_ASSERT_EQUAL_UINT8(1, modbus_by(bus)->most_registers);
     TEST_ASSERT_EQUAL_DOUBLE(60, modbus_by(bus)->pause_s);
     TEST_ASSERT_TRUE(modbus_by(bus)->split_failed);
@@ -230,6 +231,7 @@ static void expect_line(const char *keys, uint32_t baud, char parity, uint8_t st
     TEST_ASSERT_EQUAL_INT(parity, modbus_by(config->sources)->line.parity);
     TEST_ASSERT_EQUAL_UINT8(stop_bits, modbus_by(config->sources)->line.stop_bits);
     TEST_ASSERT_FALSE(modbus_by(config->sources)->line.rs485);
+    TEST_ASSERT_FALSE(modbus_by(config->sources)->line.echo);
     TEST_ASSERT_EQUAL_DOUBLE(0.5, modbus_by(config->sources)->timeout_s);
     TEST_ASSERT_EQUAL_DOUBLE(0.01, config->sources[0].period_s);
 }
