@@ -150,8 +150,8 @@ static bool connect_link(tl_plant_io *io, char *cause, size_t cause_size) {
     return is_connected;
 }
 
-/* Connects if necessary, and waits for the end of the pause. True if the link is open and holds no bytes of earlier answers. After a
- * failure the next poll reports the reason. */
+/* Connects if necessary, and waits for the end of the pause. True if the link is open and holds no
+ * bytes of earlier answers. After a failure the next poll reports the reason. */
 static bool is_ready(tl_plant_io *io, progress *now) {
     char cause[TEXT];
     bool is_usable = tl_modbus_link_await_pause(io->link);
@@ -262,8 +262,8 @@ static void send_due(tl_plant_io *io, bool silent_ones, progress *now) {
     }
 }
 
-/* The requests after an outage: joined ones, because it may be another device by now. If it does not
- * answer these, one address may be the cause: then each value is tried once by itself. */
+/* The requests after an outage: joined ones, because it may be another device by now. If it does
+ * not answer these, one address may be the cause: then each value is tried once by itself. */
 static void reset_requests(tl_plant_io *io) {
     const bool is_mute = io->split_failed && io->mute_polls >= SILENCES_BEFORE_SPLIT;
     if (is_mute && io->mute_polls == SILENCES_BEFORE_SPLIT) {

@@ -18,8 +18,8 @@
  *          With split_failed also after exception 4, and if its answer is missing or wrong twice in
  *          a row while others are answered. If no request is answered in two polls in a row, the
  *          driver tries each value once by itself, then joined requests again.
- * Pause:   with pause_s, a request to a busy device (exception 6) is repeated after the pause, until
- *          the poll has taken period_s.
+ * Pause:   with pause_s, a request to a busy device (exception 6) is repeated after the pause,
+ *          until the poll has taken period_s.
  * Bound:   TCP: a poll waits at most timeout_s to connect and timeout_s for each response. The
  *          first missing or wrong response ends the poll. If the server sends more bytes than
  *          requested, the driver connects again before each request. If `host` is a name, each

@@ -123,8 +123,9 @@ void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *
  * Purpose: channels of one unit and table with near addresses share a request. If a server rejects
  *          such a request, the driver splits it: first into requests without unused registers, then
  *          into one request per value. Parts of one register stay together.
- * Limits:  most_registers (at most 125) or 2000 bits per request (MODBUS Application Protocol 1.1b3, 6.1 to 6.4).
- *          A value is never split over two requests, so it is always consistent.
+ * Limits:  most_registers (at most 125) or 2000 bits per request (MODBUS Application Protocol
+ *          1.1b3, 6.1 to 6.4). A value is never split over two requests, so it is always
+ *          consistent.
  * Bound:   make O(n log n), split O(n); only make allocates. There are never more requests than
  *          channels.
  */

@@ -175,7 +175,8 @@ static void read_part(tl_config_object *object, tl_modbus_channel *channel) {
     channel->bit = (uint8_t)(8.0 * (double)part + bit);
 }
 
-/* The raw numbers of a type. A signed integer may also be written as the content of its register. */
+/* The raw numbers of a type. A signed integer may also be written as the content of its
+ * registers. */
 static tl_config_number raw_rule(tl_modbus_type type) {
     switch (type) {
     case TL_MODBUS_FLOAT32:

@@ -26,6 +26,7 @@ static size_t channel_count;
 static bool any_unit_id;
 static bool on_a_line;
 static bool split_failed;
+static bool framed; /* frames of a line by TCP */
 
 /* Reads channels of 4 bytes each: unit, table and order; type and scale; address. */
 static void read_channels(void) {
@@ -34,6 +35,7 @@ static void read_channels(void) {
     on_a_line = (head & 0x80) != 0;
     any_unit_id = (head & 0x40) != 0;
     split_failed = (head & 0x20) != 0;
+    framed = !on_a_line && (head & 0x10) != 0;
     channel_count = 1 + head % CHANNELS;
     for (size_t i = 0; i < channel_count; i++) {
         unsigned where = tl_fuzz_take();
@@ -123,8 +125,40 @@ static void check_belief(const uint8_t request[TL_MODBUS_TCP_REQUEST], const uin
     tl_fuzz_hold(answer[7] == request[7] && answer[8] == bytes && size >= HEADER + bytes);
 }
 
-/* Answers as modbus_tcp.c does. The bytes arrive in pieces; if some are missing, the answer
- * fails. */
+/* Receives an answer as modbus_tcp.c does. The bytes arrive in pieces; if some are missing, the
+ * answer fails. */
+static tl_modbus_outcome receive(const tl_modbus_question *asked, const uint8_t *answer, size_t there, size_t *size) {
+    size_t missing = 0;
+    *size = 0;
+    for (;;) {
+        tl_modbus_outcome outcome = framed ? tl_modbus_check_framed(asked, answer, *size, &missing)
+                                           : tl_modbus_check_tcp(asked, answer, *size, &missing);
+        if (missing == 0) {
+            return outcome;
+        }
+        tl_fuzz_hold(*size + missing <= TL_MODBUS_TCP_ANSWER);
+        if (*size == there) {
+            return (tl_modbus_outcome){.kind = TL_MODBUS_FAILED, .found = there > 0 ? EPROTO : ETIMEDOUT};
+        }
+        size_t some = 1 + tl_fuzz_take() % missing;
+        *size += some < there - *size ? some : there - *size;
+    }
+}
+
+/* Replaces the prefix of an answer by a check sum, which is mostly right. Returns the new size. */
+static size_t frame_answer(uint8_t *answer, size_t size) {
+    unsigned sum = tl_fuzz_take() % 8 == 7 ? 1 : 0xFFFF;
+    size = size > TL_MODBUS_TCP_PREFIX ? size - TL_MODBUS_TCP_PREFIX : 0;
+    memmove(answer, answer + TL_MODBUS_TCP_PREFIX, size);
+    for (size_t i = 0; i < 8 * size; i++) {
+        sum ^= i % 8 == 0 ? answer[i / 8] : 0U;
+        sum = (sum & 1) != 0 ? sum >> 1 ^ 0xA001U : sum >> 1;
+    }
+    answer[size] = (uint8_t)sum;
+    answer[size + 1] = (uint8_t)(sum >> 8);
+    return size + 2;
+}
+
 static tl_modbus_outcome answer_tcp(const tl_modbus_read *read, tl_modbus_values *values) {
     uint8_t request[TL_MODBUS_TCP_REQUEST];
     uint8_t answer[512] = {0};
@@ -134,16 +168,13 @@ static tl_modbus_outcome answer_tcp(const tl_modbus_read *read, tl_modbus_values
     check_request(request);
     size_t there = some_answer(request, answer);
     size_t size = 0;
-    size_t missing = 0;
-    tl_modbus_outcome outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);
-    while (missing > 0) {
-        tl_fuzz_hold(size + missing <= TL_MODBUS_TCP_ANSWER);
-        if (size == there) {
-            return (tl_modbus_outcome){.kind = TL_MODBUS_FAILED, .found = size > 0 ? EPROTO : ETIMEDOUT};
-        }
-        size_t some = 1 + tl_fuzz_take() % missing;
-        size += some < there - size ? some : there - size;
-        outcome = tl_modbus_check_tcp(&asked, answer, size, &missing);
+    there = framed ? frame_answer(answer, there) : there;
+    tl_modbus_outcome outcome = receive(&asked, answer, there, &size);
+    if (outcome.kind == TL_MODBUS_VALUES && framed) { /* has no header */
+        memmove(answer + TL_MODBUS_TCP_PREFIX, answer, size);
+        memcpy(answer, request, 4);
+        memcpy(answer + 4, (uint8_t[]){0, (uint8_t)(size - TL_MODBUS_SUM)}, 2);
+        size += TL_MODBUS_TCP_PREFIX - TL_MODBUS_SUM;
     }
     if (outcome.kind == TL_MODBUS_VALUES) {
         check_belief(request, answer, size);
@@ -235,7 +266,8 @@ static tl_modbus_link *make(tl_time timeout) {
 }
 
 tl_modbus_link *tl_modbus_tcp_make(const tl_modbus_server *server, tl_time timeout) {
-    tl_fuzz_hold(!on_a_line && server->any_unit_id == any_unit_id && server->host[0] != '\0');
+    tl_fuzz_hold(!on_a_line && server->any_unit_id == any_unit_id && server->rtu_framing == framed &&
+                 server->host[0] != '\0');
     return make(timeout);
 }
 
@@ -330,6 +362,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         .host = "fuzz",
         .any_unit_id = any_unit_id,
         .line = {.device = on_a_line ? "fuzz" : NULL, .baud = 19200, .parity = 'N', .stop_bits = 2},
+        .rtu_framing = framed,
         .most_registers = split_failed ? 3 : 0,
         .split_failed = split_failed,
         .timeout_s = 0.5,
