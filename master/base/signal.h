@@ -21,7 +21,7 @@ typedef enum tl_quality {
     TL_GOOD = 0,
     TL_STALE,        /* older than the signal's stale time */
     TL_OUT_OF_RANGE, /* outside the signal's min..max */
-    TL_NOT_A_NUMBER, /* not finite, or text that is no number */
+    TL_NOT_A_NUMBER, /* not finite, text that is no number, or a code for a missing value */
     TL_NO_LINK,      /* the device does not answer, or has never answered */
     TL_OUTLIER,      /* rejected, or not confirmed yet: too far from the last accepted reading (plant/conditioner.h) */
     TL_FROZEN,       /* the readings repeat one value while the plant moves */

@@ -4,9 +4,11 @@
  *   modbus_probe read HOST PORT rtu   with frames of a line
  *   modbus_probe read DEVICE      the same on a serial line
  *   modbus_probe serve            prints its port, serves until its input ends, prints "requests refused_writes"
- * Channels are lines of the standard input, "unit table address type words_little bytes_little bit scale offset
- * value", up to a line "go"; tables and types are the numbers of board/modbus/modbus_codec.h.
+ * Channels are lines of the standard input, "unit table address type words_little bytes_little bit scale offset code
+ * value", up to a line "go"; tables and types are the numbers of board/modbus/modbus_map.h. The code means "not
+ * available"; nan: none.
  */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,7 +18,7 @@
 #include "firmware/cli/plant_server.h"
 #include "tests/replay/probe.h"
 
-enum { CHANNELS = 4096, FIELDS = 10, POLLS = 200 };
+enum { CHANNELS = 4096, FIELDS = 11, POLLS = 200 };
 
 static tl_modbus_channel channels[CHANNELS];
 static double values[CHANNELS];
@@ -41,8 +43,10 @@ static bool read_channels(void) {
                                               .bytes_little = field[5] != 0,
                                               .bit = (uint8_t)field[6],
                                               .scale = field[7],
-                                              .offset = field[8]};
-        values[count] = field[9];
+                                              .offset = field[8],
+                                              .codes = {field[9]},
+                                              .code_count = isnan(field[9]) ? 0U : 1U};
+        values[count] = field[10];
         count++;
     }
     return true;

@@ -29,7 +29,7 @@ except ImportError as reason:
 from twinlock_test import PATIENCE, program  # noqa: E402 (a skip comes first)
 
 PROBE = program("modbus_probe")
-GOOD, NO_LINK = 0, 4
+GOOD, NOT_A_NUMBER, NO_LINK = 0, 3, 4
 BIT = 0
 BCD = {9: 4, 10: 8}  # digits
 PARTS = {11: 1, 12: 8, 13: 8}  # bits of a bit and a byte of a register
@@ -45,16 +45,21 @@ PER_COMBINATION = 3
 class Channel:
     """One value and its registers."""
 
-    def __init__(self, unit, table, address, kind, words_little, bytes_little, raw, scale, offset, bit=0):
+    def __init__(self, unit, table, address, kind, words_little, bytes_little, raw, scale, offset, bit=0, quality=GOOD):
         self.unit, self.table, self.address, self.kind, self.bit = unit, table, address, kind, bit
         self.words_little, self.bytes_little, self.raw, self.scale, self.offset = words_little, bytes_little, raw, scale, offset
+        self.quality = quality  # of the driver's reading
 
     def value(self):
         return self.raw * self.scale + self.offset
 
+    def expected(self):
+        return self.value() if self.quality == GOOD else 0
+
     def line(self):
+        code = self.raw if self.quality == NOT_A_NUMBER else "nan"
         return (f"{self.unit} {self.table} {self.address} {self.kind} {int(self.words_little)} {int(self.bytes_little)} "
-                f"{self.bit} {self.scale!r} {self.offset!r} {self.value()!r}\n")
+                f"{self.bit} {self.scale!r} {self.offset!r} {code} {self.value()!r}\n")
 
     def registers(self, rest=0):
         """The content of the registers, or the bit. `rest`: the other bits, if the value is a part of a register."""
@@ -100,7 +105,8 @@ def make_channels(choose):
                 # Powers of two, so that the raw number of a value is exact.
                 scale, offset = (1.0, 0.0) if kind in (5, 6, 7, 8) else (choose.choice([1.0, 0.5, -2.0]), choose.choice([0.0, 16.0]))
                 bit = choose.randint(0, 15) if kind == 11 else choose.choice([0, 8]) if kind in PARTS else 0
-                channel = Channel(unit, table, address, kind, words, order, raw, scale, offset, bit)
+                quality = NOT_A_NUMBER if choose.random() < 0.1 else GOOD  # its code says that it is not available
+                channel = Channel(unit, table, address, kind, words, order, raw, scale, offset, bit, quality)
                 channels.append(channel)
                 address += len(channel.registers())
     choose.shuffle(channels)
@@ -219,9 +225,10 @@ def check_driver(channels, framer, by_line=False):
     assert len(lines) == len(channels) + 1, f"{len(lines)} lines for {len(channels) + 1} channels"
     for channel, line in zip(channels, lines):
         quality, value = line.split()
-        if int(quality) != GOOD or float(value) != channel.value():
+        if int(quality) != channel.quality or float(value) != channel.expected():
             failures += 1
-            print(f"driver: read quality {quality}, {value} instead of {channel.value()!r}: {channel.line()}", end="")
+            print(f"driver: read quality {quality}, {value} instead of {channel.quality}, {channel.expected()!r}: {channel.line()}",
+                  end="")
     if int(lines[-1].split()[0]) != NO_LINK:
         failures += 1
         print(f"driver: a missing register has a value: {lines[-1]}")
