@@ -2,9 +2,11 @@
  * then path and text of the configuration. */
 #include "firmware/live/live_blocks.h"
 
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "firmware/config/config.h"
 #include "firmware/plant/live_plant.h"
@@ -137,6 +139,27 @@ tl_status tl_live_blocks_take(tl_live_kind kind, const tl_live_job *job, const t
         }
     }
     return status;
+}
+
+void tl_live_blocks_pass(tl_live_kind kind, const tl_live_job *job, const tl_block blocks[TL_LIVE_BLOCKS],
+                         int descriptors[TL_ROLE_DESCRIPTORS]) {
+    const tl_live_access access = tl_live_access_of(kind, job);
+    for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
+        descriptors[i] = -1;
+        if (i < TL_LIVE_BLOCKS && (access.writes >> i & 1) != 0) {
+            descriptors[i] = fcntl(blocks[i].descriptor, F_DUPFD_CLOEXEC, 0);
+        } else if (i < TL_LIVE_BLOCKS && (access.reads >> i & 1) != 0) {
+            descriptors[i] = tl_block_reader(&blocks[i]);
+        }
+    }
+}
+
+void tl_live_blocks_close_passed(const int descriptors[TL_ROLE_DESCRIPTORS]) {
+    for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
+        if (descriptors[i] >= 0) {
+            (void)close(descriptors[i]);
+        }
+    }
 }
 
 tl_status tl_live_input_open(const tl_config *config, const tl_block *sample_memory, tl_plant_input *input,

@@ -22,6 +22,7 @@
 #include "firmware/plant/plant_input.h"
 #include "firmware/process/block.h"
 #include "firmware/process/heartbeat.h"
+#include "firmware/process/role.h"
 #include "firmware/report/summary.h"
 #include "firmware/store/record_queue.h"
 #include "firmware/store/recorder_state.h"
@@ -258,6 +259,13 @@ void tl_live_block_sizes(const tl_config *config, size_t sizes[TL_LIVE_BLOCKS]);
  * have stay zeroed. Errors: TL_BAD_DATA. */
 tl_status tl_live_blocks_take(tl_live_kind kind, const tl_live_job *job, const tl_config *config,
                               tl_block blocks[TL_LIVE_BLOCKS], tl_error *error);
+
+/* Duplicates the descriptors of the blocks that a process of this kind has, for tl_role_settings.
+ * All others become -1. Close them with tl_live_blocks_close_passed(), which also closes what the
+ * caller has added. */
+void tl_live_blocks_pass(tl_live_kind kind, const tl_live_job *job, const tl_block blocks[TL_LIVE_BLOCKS],
+                         int descriptors[TL_ROLE_DESCRIPTORS]);
+void tl_live_blocks_close_passed(const int descriptors[TL_ROLE_DESCRIPTORS]);
 
 /* Opens the plant input over the mapped sample memory. Errors: TL_TRY_AGAIN. */
 tl_status tl_live_input_open(const tl_config *config, const tl_block *sample_memory, tl_plant_input *input,

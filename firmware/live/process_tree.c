@@ -118,29 +118,7 @@ static void put_refusal_of_other(void *context, const char *text) {
     put_refusal_of(context, 1, text);
 }
 
-/* ---- descriptors ---- */
-
-/* Duplicates the descriptors for a process of this job; close them with close_descriptors(). */
-static void pass_descriptors(const tl_process_tree *self, tl_live_kind kind, const tl_live_job *job,
-                             int descriptors[TL_ROLE_DESCRIPTORS]) {
-    const tl_live_access access = tl_live_access_of(kind, job);
-    for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
-        descriptors[i] = -1;
-        if (i < TL_LIVE_BLOCKS && (access.writes >> i & 1) != 0) {
-            descriptors[i] = fcntl(self->blocks[i].descriptor, F_DUPFD_CLOEXEC, 0);
-        } else if (i < TL_LIVE_BLOCKS && (access.reads >> i & 1) != 0) {
-            descriptors[i] = tl_block_reader(&self->blocks[i]);
-        }
-    }
-}
-
-static void close_descriptors(const int descriptors[TL_ROLE_DESCRIPTORS]) {
-    for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
-        if (descriptors[i] >= 0) {
-            (void)close(descriptors[i]);
-        }
-    }
-}
+/* ---- starting processes ---- */
 
 /* Starts a process without FMUs. `slot`: slot whose configuration it gets. Its output goes to a
  * pipe of the log relay. */
@@ -158,7 +136,7 @@ static pid_t start_plain(tl_process_tree *self, tl_live_kind kind, uint32_t slot
     tl_status status = bytes != NULL ? tl_block_make_of("twinlock job", bytes, size, &job, error)
                                      : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of \"%s\"", title);
     free(bytes);
-    pass_descriptors(self, kind, &self->job, descriptors);
+    tl_live_blocks_pass(kind, &self->job, self->blocks, descriptors);
     descriptors[0] = open("/dev/null", O_RDWR | O_CLOEXEC);
     if (status == TL_OK) {
         descriptors[1] = fcntl(tl_log_relay_pipe(&self->log, (unsigned)kind), F_DUPFD_CLOEXEC, 0);
@@ -170,7 +148,7 @@ static pid_t start_plain(tl_process_tree *self, tl_live_kind kind, uint32_t slot
         (void)(is_short ? tl_fail(error, TL_TRY_AGAIN, "no file descriptors for \"%s\": %s", title, strerror(errno))
                         : tl_role_start(&settings, &role, error));
     }
-    close_descriptors(descriptors);
+    tl_live_blocks_close_passed(descriptors);
     tl_block_close(&job);
     return role.pid;
 }
@@ -235,9 +213,9 @@ static tl_status start_with_job(tl_process_tree *self, tl_twin_slot *slot, const
         .on_event = job->slot_index == 0 ? put_refusal : put_refusal_of_other,
         .context = self,
     };
-    pass_descriptors(self, TL_LIVE_IS_TWIN, job, settings.given);
+    tl_live_blocks_pass(TL_LIVE_IS_TWIN, job, self->blocks, settings.given);
     tl_status status = tl_twin_process_start(&settings, &slot->twin, error);
-    close_descriptors(settings.given);
+    tl_live_blocks_close_passed(settings.given);
     free(live);
     return status;
 }
