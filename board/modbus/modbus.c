@@ -73,7 +73,6 @@ static void describe_outcome(const tl_plant_io *io, const tl_modbus_outcome *out
 /* Reports once that a request gives no values, and once that it does again. */
 static void note_trouble(tl_plant_io *io, const tl_plant_io_sink *sink, tl_modbus_read *read,
                          tl_modbus_outcome trouble) {
-    static const char *const TABLES[] = {"", "coil", "discrete input", "holding register", "input register"};
     if (tl_modbus_outcome_is_same(&read->trouble, &trouble)) {
         return;
     }
@@ -82,8 +81,9 @@ static void note_trouble(tl_plant_io *io, const tl_plant_io_sink *sink, tl_modbu
         describe_outcome(io, &trouble, reason, sizeof reason);
     }
     char text[TEXT];
-    (void)snprintf(text, sizeof text, "unit %u, %s %u to %u: %s", (unsigned)read->unit_id, TABLES[read->table],
-                   (unsigned)read->address, (unsigned)read->address + read->count - 1U, reason);
+    (void)snprintf(text, sizeof text, "unit %u, %s %u to %u: %s", (unsigned)read->unit_id,
+                   tl_modbus_table_name(read->table), (unsigned)read->address,
+                   (unsigned)read->address + read->count - 1U, reason);
     read->trouble = trouble;
     tl_link_report(&io->state, sink, trouble.kind == TL_MODBUS_VALUES, io->link->name, text);
 }

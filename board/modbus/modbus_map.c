@@ -113,6 +113,11 @@ void tl_modbus_outcome_text(const tl_modbus_outcome *outcome, bool on_a_line, tl
  * order.
  */
 
+const char *tl_modbus_table_name(tl_modbus_table table) {
+    static const char *const names[] = {"", "coil", "discrete input", "holding register", "input register"};
+    return names[table];
+}
+
 bool tl_modbus_is_bit_table(tl_modbus_table table) {
     return table == TL_MODBUS_COIL || table == TL_MODBUS_DISCRETE;
 }

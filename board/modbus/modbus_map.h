@@ -99,6 +99,9 @@ typedef struct tl_modbus_channel {
     size_t code_count;
 } tl_modbus_channel;
 
+/* Returns "coil", "discrete input", "holding register" or "input register". */
+const char *tl_modbus_table_name(tl_modbus_table table);
+
 /* True for coils and discrete inputs, which contain bits. The other tables contain registers. */
 bool tl_modbus_is_bit_table(tl_modbus_table table);
 

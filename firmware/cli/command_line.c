@@ -15,10 +15,10 @@
 #include "master/base/text.h"
 
 static int (*const RUN[TL_VERB_COUNT])(const tl_options *options) = {
-    [TL_VERB_INIT] = tl_verb_init,       [TL_VERB_CHECK] = tl_verb_check,     [TL_VERB_REPLAY] = tl_verb_replay,
-    [TL_VERB_RUN] = tl_verb_run,         [TL_VERB_PLANT] = tl_verb_plant,     [TL_VERB_SHOW] = tl_verb_show,
-    [TL_VERB_FINDING] = tl_verb_finding, [TL_VERB_EXPLAIN] = tl_verb_explain, [TL_VERB_LEARN] = tl_verb_learn,
-    [TL_VERB_RELOAD] = tl_verb_reload,
+    [TL_VERB_INIT] = tl_verb_init,     [TL_VERB_CHECK] = tl_verb_check,     [TL_VERB_PROBE] = tl_verb_probe,
+    [TL_VERB_REPLAY] = tl_verb_replay, [TL_VERB_RUN] = tl_verb_run,         [TL_VERB_PLANT] = tl_verb_plant,
+    [TL_VERB_SHOW] = tl_verb_show,     [TL_VERB_FINDING] = tl_verb_finding, [TL_VERB_EXPLAIN] = tl_verb_explain,
+    [TL_VERB_LEARN] = tl_verb_learn,   [TL_VERB_RELOAD] = tl_verb_reload,
 };
 
 /* ---- Verbs of a separate program. This program loads FMUs and therefore does not link TLS. */

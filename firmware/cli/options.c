@@ -144,6 +144,12 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
                        "are valid but unlikely to be meant. Does not ask the plant.",
                        "twinlock check tank.json\n"
                        "twinlock check tank.json --recording monday.csv  # proposes settings"},
+    [TL_VERB_PROBE] = {"probe", "CONFIG [options]", "configuration", "ask the plant for each signal, without a twin",
+                       "Reads all signals of the plant for some seconds, as `run` does, and prints for each one its "
+                       "value, how often it comes, how old it is, and what is wrong. Loads no FMU and writes "
+                       "nothing to the plant. Exit code 65 if a signal is not good.",
+                       "twinlock probe tank.json\n"
+                       "twinlock probe tank.json --duration 60 --json"},
     [TL_VERB_REPLAY] = {"replay", "CONFIG [options]", "configuration", "run a recording through the twin",
                         "Runs a recording of the plant through the twin, as fast as the machine can, and prints "
                         "how well both agree. Time limits are ignored: the result is the same to the bit.",
@@ -200,6 +206,7 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
 enum {
     INIT = 1 << TL_VERB_INIT,
     CHECK = 1 << TL_VERB_CHECK,
+    PROBE = 1 << TL_VERB_PROBE,
     REPLAY = 1 << TL_VERB_REPLAY,
     RUN = 1 << TL_VERB_RUN,
     PLANT = 1 << TL_VERB_PLANT,
@@ -251,7 +258,7 @@ static const tl_option OPTIONS[] = {
      .help = "where the configuration of the run was: its FMUs are searched from there; default: beside the database"},
     {EXPLAIN, "save", NULL, tl_option_switch, SETS(save),
      .help = "also store the sentence with the finding, for `twinlock show`; default: the database is only read"},
-    {EXPLAIN, "json", NULL, tl_option_switch, SETS(json), .help = "print one JSON object"},
+    {EXPLAIN | PROBE, "json", NULL, tl_option_switch, SETS(json), .help = "print one JSON object"},
     {SHOW, "since", "TIME", read_since, SETS(since),
      .help = "only what came after a date (UTC: 2026-11-21, 2026-11-21T10:02) "
              "or in the last part of the run (90s, 15m, 8h, 2d); "
@@ -288,6 +295,8 @@ static const tl_option OPTIONS[] = {
              "the steps; default: if it never was",
      .expected = "a percentage above 0, at most 100, for example 95"},
     {RUN, "duration", "S", read_seconds, SETS(duration_s), .help = "end after S seconds of plant time",
+     .expected = "seconds > 0 and below 1e9, for example 14"},
+    {PROBE, "duration", "S", read_seconds, SETS(duration_s), .help = "read for S seconds; default: 5",
      .expected = "seconds > 0 and below 1e9, for example 14"},
     {RUN, "status", NULL, tl_option_switch, SETS(status),
      .help = "print a status line each second; default: on a terminal only"},

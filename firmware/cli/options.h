@@ -22,6 +22,7 @@
 typedef enum tl_verb {
     TL_VERB_INIT,
     TL_VERB_CHECK,
+    TL_VERB_PROBE, /* reads the plant's signals without a twin */
     TL_VERB_REPLAY,
     TL_VERB_RUN,
     TL_VERB_PLANT, /* emulates a plant, from a recording or from FMUs */
@@ -69,7 +70,7 @@ typedef struct tl_options {
     const char *report;
     bool realtime;
     bool plain;
-    double duration_s;   /* s; 0: as configured */
+    double duration_s;   /* s; 0: as configured; of probe: 5 */
     double require_lock; /* least share of the steps in lock, percent; 0: one step is enough (summary.h) */
     bool status;
     bool follow;
@@ -133,6 +134,7 @@ int tl_verb_init(const tl_options *options);
 int tl_verb_finding(const tl_options *options);
 int tl_verb_learn(const tl_options *options);
 int tl_verb_plant(const tl_options *options);
+int tl_verb_probe(const tl_options *options);
 int tl_verb_reload(const tl_options *options);
 int tl_verb_replay(const tl_options *options);
 int tl_verb_run(const tl_options *options);

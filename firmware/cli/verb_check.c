@@ -101,7 +101,7 @@ static tl_status check(tl_verb_job *job) {
             (void)fprintf(job->output, ", %" PRIu32 " warning%s", found.warnings, found.warnings == 1 ? "" : "s");
         }
         (void)fprintf(job->output, "; the plant was not asked%s\n",
-                      job->config.source_count != 0 ? ": only `run` asks it" : "");
+                      job->config.source_count != 0 ? ": `probe` asks it" : "");
     }
     return status;
 }

@@ -105,6 +105,8 @@ static void test_every_option_sets_its_own(void) {
     TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_CHECK, "c", "--variables", "--memory-limit", "2048"));
     TEST_ASSERT_EQUAL_UINT64(2048, options.memory_limit_mib);
     TEST_ASSERT_TRUE(options.variables);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_PROBE, "c", "--json", "--duration", "0.5"));
+    TEST_ASSERT_TRUE(options.json && options.duration_s == 0.5);
 }
 
 static void test_the_lesser_right_counts(void) {
@@ -149,6 +151,7 @@ static void test_values_that_are_refused(void) {
     static const char *const limits[] = {"0", "-1", "1e9", "nan", "inf", "1e999", "1e-310", "2 s", ""};
     for (size_t i = 0; i < sizeof limits / sizeof limits[0]; i++) {
         expect_wrong(TL_VERB_RUN, "--duration", limits[i], "seconds|0|1e9");
+        expect_wrong(TL_VERB_PROBE, "--duration", limits[i], "seconds|0|1e9");
         expect_wrong(TL_VERB_CHECK, "--call-limit", limits[i], "seconds|0|1e9");
     }
     static const char *const sizes[] = {"0", "63", "1048577", "-64", "64M", "1e3", "99999999999999999999", ""};

@@ -1,0 +1,294 @@
+#!/usr/bin/env python3
+"""`twinlock probe` on a real Modbus server (pymodbus), FIFOs and absent devices.
+
+The device has the registers of the motor bench: speed as float32 in the input registers 0 and 1,
+torque as int16 in register 2. Each test changes how the configuration reads them.
+"""
+import asyncio
+import contextlib
+import json
+import logging
+import os
+import signal
+import struct
+import sys
+import threading
+
+try:
+    from pymodbus.server import ModbusTcpServer
+    from pymodbus.simulator import DataType, SimData, SimDevice
+except ImportError as reason:
+    print(f"no pymodbus here: {reason}")
+    sys.exit(1 if os.environ.get("CI") == "true" else 77)
+
+from live_test import Device, Program, member, wait_until  # noqa: E402 (a skip comes first)
+from twinlock_test import (BAD_DATA, BAD_USAGE, PLAIN_BOX, PLAIN_LIVE, edited_config, expect, has_line,  # noqa: E402
+                           main, run)
+
+OMEGA, TORQUE = struct.unpack(">f", bytes.fromhex("427BEC8B"))[0], 542
+TRY_AGAIN = 75
+logging.disable(logging.CRITICAL)  # pymodbus logs each exception that it sends
+SPEED = struct.unpack(">HH", struct.pack(">f", OMEGA))
+
+
+class Server:
+    """A pymodbus server in a thread: units -> {table (1 to 4): {address: registers}}."""
+
+    def __init__(self, units, port=0):
+        self.units, self.wanted, self.functions = units, port, set()
+        self.loop = asyncio.new_event_loop()
+        self.ready = threading.Event()
+        self.thread = threading.Thread(target=self.run, daemon=True)
+
+    def trace(self, sending, pdu):
+        if not sending:
+            self.functions.add(pdu.function_code)
+        return pdu
+
+    async def serve(self):
+        devices = []
+        for unit, tables in self.units.items():
+            bits = [[SimData(9, values=[False], datatype=DataType.BITS)] for _ in (1, 2)]
+            words = [[SimData(address, values=list(values), datatype=DataType.REGISTERS)
+                      for address, values in sorted(tables.get(table, {9000: [0]}).items())] for table in (3, 4)]
+            devices.append(SimDevice(unit, simdata=(*bits, *words)))
+        self.server = ModbusTcpServer(devices, address=("127.0.0.1", self.wanted), trace_pdu=self.trace)
+        await self.server.serve_forever(background=True)
+        self.port = self.server.transport.sockets[0].getsockname()[1]
+        self.ready.set()
+
+    def run(self):
+        asyncio.set_event_loop(self.loop)
+        self.loop.create_task(self.serve())
+        self.loop.run_forever()
+
+    def __enter__(self):
+        self.thread.start()
+        expect(self.ready.wait(30), "the pymodbus server does not start")
+        return self
+
+    def __exit__(self, *_):
+        asyncio.run_coroutine_threadsafe(self.server.shutdown(), self.loop).result(30)
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self.thread.join(30)
+        expect(self.functions <= {1, 2, 3, 4}, f"function codes {self.functions} were sent")
+
+
+def bench(omega=SPEED, address=0, table=4):
+    return Server({1: {table: {address: [*omega, TORQUE]}}})
+
+
+def probe_config(port, omega=None, torque=None, **changes):
+    """The bench without FMU files. `omega`, `torque`: changes of the keys of their `modbus`."""
+    return edited_config(PLAIN_LIVE, {
+        "components": {"motor": {"fmu": "absent.fmu"}}, "sources": {"inverter": {"modbus_tcp": {"port": port}}},
+        "plant": {"omega": {"modbus": omega or {}}, "torque": {"modbus": torque or {}}}, **changes})
+
+
+def probe(config, seconds=2):
+    """(exit code, report, log) of a probe."""
+    code, out, log = run(["probe", config, "--duration", seconds, "--json"])
+    return code, json.loads(out) if out else None, log
+
+
+def expect_qualities(code, report, omega, torque):
+    found = {name: one["quality"] for name, one in report["signals"].items()}
+    expect(found == {"omega": omega, "torque": torque}, f"{report}")
+    good = omega == torque == "good"
+    expect(report["good"] == good and code == (0 if good else BAD_DATA), f"exit code {code}: {report}")
+
+
+# ---- Modbus ----
+
+def test_a_right_mapping():
+    with bench() as server:
+        config = probe_config(server.port)
+        code, report, _ = probe(config)
+        expect_qualities(code, report, "good", "good")
+        omega, torque = report["signals"]["omega"], report["signals"]["torque"]
+        expect((omega["value"], torque["value"]) == (OMEGA, TORQUE * 0.001), f"{report}")
+        expect((omega["unit"], torque["unit"], omega["source"]) == ("rad/s", "N.m", "inverter"), f"{report}")
+        expect(omega["readings"] > 1 and omega["readings_per_s"] > 0 and omega["age_s"] >= 0, f"{report}")
+        expect(omega["unchanged"] and omega["rejected"] == 0, f"{report}")
+        expect((omega["registers"], torque["registers"]) == ("0..1: 427B EC8B", "2..2: 021E"), f"{report}")
+        expect(report["sources"]["inverter"]["kind"] == "modbus_tcp", f"{report}")
+        code, out, _ = run(["probe", config, "--duration", 0.5])
+        expect(code == 0 and has_line(out, "omega|62.981|rad/s|ok") and has_line(out, "torque|0.542|N.m|ok"), out)
+        expect(server.functions == {4}, f"{server.functions}")
+
+
+def test_a_moving_signal_has_changed():
+    with Device(OMEGA) as device:
+        stop = threading.Event()
+
+        def move():
+            while not stop.wait(0.02):
+                device.omega += 0.125
+        mover = threading.Thread(target=move)
+        mover.start()
+        _, report, _ = probe(probe_config(device.port))
+        stop.set()
+        mover.join()
+        expect(not report["signals"]["omega"]["unchanged"] and report["signals"]["torque"]["unchanged"], f"{report}")
+
+
+def test_a_wrong_word_order():
+    with bench() as server:
+        code, report, _ = probe(probe_config(server.port, {"words": "little"}))
+        expect_qualities(code, report, "out of range", "good")
+        expect(report["signals"]["omega"]["rejected"] == report["signals"]["omega"]["readings"], f"{report}")
+        expect(has_line(report["signals"]["omega"]["verdict"], "-500|500|word order"), f"{report}")
+
+
+def test_not_a_number():
+    with bench((0x7FC0, 0)) as server:
+        code, report, _ = probe(probe_config(server.port))
+        expect_qualities(code, report, "not a number", "good")
+        expect(report["signals"]["omega"]["value"] is None, f"{report}")
+
+
+def test_a_wrong_table():
+    with bench() as server:
+        code, report, _ = probe(probe_config(server.port, {"table": "holding"}))
+        expect_qualities(code, report, "no link", "good")
+        expect(has_line(report["signals"]["omega"]["verdict"], "holding register 0 to 1|Illegal data address"), f"{report}")
+
+
+def test_each_signal_has_its_own_cause():
+    with bench() as server:
+        code, report, _ = probe(probe_config(server.port, {"table": "holding"}, {"address": 7000}))
+        expect_qualities(code, report, "no link", "no link")
+        expect(has_line(report["signals"]["omega"]["verdict"], "holding register 0 to 1"), f"{report}")
+        expect(has_line(report["signals"]["torque"]["verdict"], "input register 7000 to 7000"), f"{report}")
+
+
+def test_a_wrong_offset():
+    with bench() as server:
+        code, report, _ = probe(probe_config(server.port, {"address": 1}, {"address": 3}))
+        expect(code == BAD_DATA and report["signals"]["torque"]["quality"] == "no link", f"{report}")
+
+
+def test_a_wrong_port():
+    with bench() as server:
+        port = server.port
+    code, report, _ = probe(probe_config(port))
+    expect_qualities(code, report, "no link", "no link")
+    expect(has_line(report["signals"]["omega"]["verdict"], f"{port}|refused"), f"{report}")
+
+
+def test_a_silent_device():
+    with Device(OMEGA) as device:
+        device.silent = True
+        code, report, _ = probe(probe_config(device.port))
+        expect_qualities(code, report, "no link", "no link")
+        expect(has_line(report["signals"]["omega"]["verdict"], "answer|0.2 s"), f"{report}")
+
+
+# ---- other drivers ----
+
+def csv_config(file):
+    return edited_config(PLAIN_LIVE, {
+        "components": {"motor": {"fmu": "absent.fmu"}}, "sources": {"inverter": None, "stream": {"csv": {"file": file}}},
+        "plant": {name: {"modbus": None, "csv": {"source": "stream"}, "stale_s": None} for name in ("omega", "torque")}})
+
+
+def test_a_fifo_without_a_writer():
+    config = csv_config("plant.fifo")
+    os.mkfifo(config.parent / "plant.fifo")
+    code, report, _ = probe(config)
+    expect_qualities(code, report, "no link", "no link")
+    expect(has_line(report["signals"]["omega"]["verdict"], "plant.fifo|writer"), f"{report}")
+
+
+@contextlib.contextmanager
+def written(path, header):
+    """A program that writes rows into a FIFO until the end of `with`."""
+    stop = threading.Event()
+    os.mkfifo(path)
+    file = os.open(path, os.O_RDWR | os.O_NONBLOCK)
+
+    def write():
+        count = 0
+        while not stop.wait(0.02):
+            rows = f"{header}\n" if count == 0 else f"{count / 50},{count},0.5\n"
+            os.write(file, rows.encode())
+            count += 1
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        writer.join()
+        os.close(file)
+
+
+def test_a_stream():
+    config = csv_config("plant.fifo")
+    with written(config.parent / "plant.fifo", "time,omega,M_brake"):
+        code, report, _ = probe(config)
+    expect_qualities(code, report, "good", "good")
+    expect(report["signals"]["torque"]["value"] == 0.5 and not report["signals"]["omega"]["unchanged"], f"{report}")
+
+
+def test_a_wrong_column():
+    config = csv_config("plant.fifo")
+    with written(config.parent / "plant.fifo", "time,speed,M_brake"):
+        code, report, _ = probe(config)
+    expect_qualities(code, report, "no link", "no link")
+    expect(has_line(report["signals"]["omega"]["verdict"], "omega|speed"), f"{report}")
+
+
+def test_all_kinds_at_once():
+    """A CAN interface, GPIO lines and a serial line that this machine does not have."""
+    code, report, _ = probe(edited_config(PLAIN_BOX))
+    expect(code == BAD_DATA, f"exit code {code}")
+    bad = [name for name, one in report["signals"].items() if one["quality"] != "no link" or not one["verdict"]]
+    expect(not bad and all(one["message"] for one in report["sources"].values()), f"{bad}: {report}")
+
+
+# ---- ends and refusals ----
+
+def test_interrupted():
+    with bench() as server:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            with Program("probe", probe_config(server.port), "--json", "--duration", 1000) as program:
+                member(program, "io")
+                wait_until(lambda: server.functions, "a request")
+                code, out, _ = program.end(number)
+            report = json.loads(out)
+            expect(report["duration_s"] < 1000 and code in (0, BAD_DATA), f"{code}: {out}")
+            server.functions.clear()
+
+
+def test_a_dead_process():
+    with bench() as server, Program("probe", probe_config(server.port), "--duration", 1000) as program:
+        os.kill(member(program, "io"), signal.SIGKILL)
+        code, out, log = program.end()
+        expect(code == TRY_AGAIN and out == "" and has_line(log, "error|reads the plant|9"), f"{code}: {out}{log}")
+
+
+def test_beside_a_run():
+    with Device(OMEGA) as device:
+        config = edited_config(PLAIN_LIVE, {"duration_s": None, "realtime": None, "record": {"commit_s": 0.1},
+                                            "sources": {"inverter": {"modbus_tcp": {"port": device.port}}}})
+        with Program("run", config) as live:
+            wait_until(lambda: (config.parent / "twin.db-writer").exists(), "the database", live.log)
+            code, report, log = probe(config)
+            expect(code == TRY_AGAIN and report is None and has_line(log, f"{config}|is running|twinlock show"), log)
+            live.end(signal.SIGINT)
+        code, report, _ = probe(config)
+        expect_qualities(code, report, "good", "good")
+
+
+def test_wrong_configurations():
+    config = edited_config(PLAIN_LIVE, {"plant": {"torque": {"modbus": None}}})
+    code, report, log = probe(config)
+    expect(code == BAD_DATA and report is None and has_line(log, "plant.torque|no live source"), log)
+    code, report, log = probe(probe_config(0, {"table": "inputs"}))
+    expect(code == BAD_DATA and report is None and has_line(log, "2 problems"), log)
+    expect(probe(config.parent / "none.json")[0] == BAD_DATA, "an absent configuration")
+    expect(run(["probe", config, "--duration", "0"])[0] == BAD_USAGE, "no duration")
+
+
+main()
