@@ -1,6 +1,7 @@
 /* Modbus in a probe: see probe_modbus.h. */
 #include "firmware/cli/probe_modbus.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,11 +9,25 @@
 #include "firmware/config/drivers.h"
 #include "firmware/config/json_document.h"
 
-const tl_modbus_channel *tl_probe_modbus_channel(const tl_config *config, size_t signal) {
+/* Least period of a source that is polled slowly, s. */
+static const double SLOW_S = 0.5;
+
+void tl_probe_modbus_begin(tl_probe_modbus *self, const tl_config *config) {
+    *self = (tl_probe_modbus){.config = config, .slow = SIZE_MAX};
+    for (size_t i = 0; i < config->own_count; i++) {
+        if (tl_probe_modbus_has(config, i)) {
+            self->channels[i] = *(const tl_modbus_channel *)config->signals[i].channel;
+        }
+    }
+}
+
+bool tl_probe_modbus_has_source(const tl_config *config, size_t source) {
+    return config->sources[source].driver->io == &tl_modbus_driver;
+}
+
+bool tl_probe_modbus_has(const tl_config *config, size_t signal) {
     const size_t source = config->signals[signal].source;
-    return source != SIZE_MAX && config->sources[source].driver->io == &tl_modbus_driver
-               ? config->signals[signal].channel
-               : NULL;
+    return source != SIZE_MAX && tl_probe_modbus_has_source(config, source);
 }
 
 /* ---- raw registers ---- */
@@ -37,24 +52,45 @@ static tl_modbus_channel raw_channel(const tl_modbus_channel *channel) {
                                .scale = 1};
 }
 
-static bool set_raw(cJSON *modbus, tl_modbus_type type) {
-    static const char *const keys[] = {"type", "words", "bytes", "scale", "offset"};
-    for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++) {
-        cJSON_DeleteItemFromObjectCaseSensitive(modbus, keys[i]);
-    }
-    const char *name = type == TL_MODBUS_UINT16 ? "uint16" : type == TL_MODBUS_UINT32 ? "uint32" : "float64";
-    return cJSON_AddStringToObject(modbus, "type", name) != NULL;
+static bool set_item(cJSON *object, const char *key, cJSON *item) {
+    cJSON_DeleteItemFromObjectCaseSensitive(object, key);
+    return cJSON_AddItemToObject(object, key, item) != 0;
 }
 
-char *tl_probe_modbus_text(const tl_config *config) {
+static bool set_raw(cJSON *modbus, const tl_modbus_channel *channel) {
+    static const char *const decoding[] = {"type", "words", "bytes", "scale", "offset"};
+    static const char *const tables[] = {"", "coil", "discrete", "holding", "input"};
+    static const char *const types[] = {[TL_MODBUS_BIT] = "bit",
+                                        [TL_MODBUS_UINT16] = "uint16",
+                                        [TL_MODBUS_UINT32] = "uint32",
+                                        [TL_MODBUS_FLOAT64] = "float64"};
+    for (size_t i = 0; i < sizeof decoding / sizeof decoding[0]; i++) {
+        cJSON_DeleteItemFromObjectCaseSensitive(modbus, decoding[i]);
+    }
+    return set_item(modbus, "type", cJSON_CreateString(types[raw_type(channel)])) &&
+           set_item(modbus, "table", cJSON_CreateString(tables[channel->table])) &&
+           set_item(modbus, "address", cJSON_CreateNumber(channel->address)) &&
+           set_item(modbus, "unit_id", cJSON_CreateNumber(channel->unit_id));
+}
+
+static bool set_slow(const tl_probe_modbus *self, cJSON *root) {
+    const tl_config_source *source = &self->config->sources[self->slow];
+    const cJSON *sources = cJSON_GetObjectItemCaseSensitive(root, "sources");
+    const cJSON *named = cJSON_GetObjectItemCaseSensitive(sources, source->name);
+    cJSON *settings = cJSON_GetObjectItemCaseSensitive(named, source->driver->name);
+    return set_item(settings, "period_s", cJSON_CreateNumber(fmax(source->period_s, SLOW_S))) &&
+           (self->port == 0 || set_item(settings, "port", cJSON_CreateNumber(self->port)));
+}
+
+char *tl_probe_modbus_text(const tl_probe_modbus *self) {
+    const tl_config *config = self->config;
     cJSON *root = cJSON_Duplicate(config->tree, 1);
     const cJSON *plant = cJSON_GetObjectItemCaseSensitive(root, "plant");
-    bool is_made = root != NULL;
+    bool is_made = root != NULL && (self->slow == SIZE_MAX || set_slow(self, root));
     for (size_t i = 0; i < config->own_count && is_made; i++) {
-        const tl_modbus_channel *channel = tl_probe_modbus_channel(config, i);
-        if (channel != NULL && channel->type != TL_MODBUS_BIT) {
+        if (tl_probe_modbus_has(config, i)) {
             const cJSON *signal = cJSON_GetObjectItemCaseSensitive(plant, config->signals[i].plan.name);
-            is_made = set_raw(cJSON_GetObjectItemCaseSensitive(signal, "modbus"), raw_type(channel));
+            is_made = set_raw(cJSON_GetObjectItemCaseSensitive(signal, "modbus"), &self->channels[i]);
         }
     }
     char *text = is_made ? cJSON_PrintUnformatted(root) : NULL;
@@ -64,14 +100,13 @@ char *tl_probe_modbus_text(const tl_config *config) {
 
 void tl_probe_modbus_convert(void *context, size_t signal, tl_reading *reading) {
     tl_probe_modbus *self = context;
-    const tl_modbus_channel *channel = tl_probe_modbus_channel(self->config, signal);
-    if (channel == NULL || channel->type == TL_MODBUS_BIT) {
+    if (!tl_probe_modbus_has(self->config, signal)) {
         return;
     }
-    const tl_modbus_channel raw = raw_channel(channel);
+    const tl_modbus_channel raw = raw_channel(&self->channels[signal]);
     tl_modbus_encode(&raw, reading->value, self->registers[signal]);
     self->has_registers[signal] = true;
-    if (!tl_modbus_decode(channel, self->registers[signal], &reading->value)) {
+    if (!tl_modbus_decode(&self->channels[signal], self->registers[signal], &reading->value)) {
         reading->quality = TL_NOT_A_NUMBER;
     }
 }
@@ -91,8 +126,8 @@ static unsigned long take_number(const char **text) {
  * whole device. */
 bool tl_probe_modbus_concerns(void *context, size_t signal, const char *message) {
     const tl_probe_modbus *self = context;
-    const tl_modbus_channel *channel = tl_probe_modbus_channel(self->config, signal);
-    const char *request = channel != NULL ? strstr(message, ": unit ") : NULL;
+    const tl_modbus_channel *channel = &self->channels[signal];
+    const char *request = tl_probe_modbus_has(self->config, signal) ? strstr(message, ": unit ") : NULL;
     char own[64];
     if (request == NULL) {
         return true;

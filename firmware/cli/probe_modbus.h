@@ -1,8 +1,8 @@
-/* Modbus in a probe: reads the raw registers of each signal, and decodes them as configured.
+/* Modbus in a probe: reads the raw registers of each signal, and decodes them.
  *
- * Purpose: `twinlock probe` shows the registers from which a value was decoded. So it reads them as
- *          unsigned integers, by a changed configuration, and decodes them itself as the driver
- *          would.
+ * Purpose: `twinlock probe` shows the registers from which a value was decoded, and tries other
+ *          mappings (probe_cures.h). So it reads them as unsigned integers, by a changed
+ *          configuration, and decodes them itself as the driver would.
  * Limits:  a float64 that is not finite is reported by the driver, without registers.
  * Thread:  one thread.
  */
@@ -19,19 +19,26 @@
 
 enum { TL_PROBE_REGISTERS = 4 }; /* most registers of a value */
 
-/* The caller sets `config` and zeroes the rest. */
+/* A mapping of signals to registers, and what was read with it. */
 typedef struct tl_probe_modbus {
     const tl_config *config;
-    bool has_registers[TL_MAX_SIGNALS];                     /* by signal: `registers` is valid */
-    uint16_t registers[TL_MAX_SIGNALS][TL_PROBE_REGISTERS]; /* as received, of the newest reading */
+    tl_modbus_channel channels[TL_MAX_SIGNALS]; /* of each signal with Modbus */
+    size_t slow;                                /* index of a source that is polled slowly; SIZE_MAX: none */
+    uint16_t port;                              /* of that source; 0: as configured */
+    bool has_registers[TL_MAX_SIGNALS];         /* `registers` is valid */
+    uint16_t registers[TL_MAX_SIGNALS][TL_PROBE_REGISTERS]; /* as received, of the newest reading; a bit: 0 or 1 */
 } tl_probe_modbus;
 
-/* Returns the channel of a signal; NULL if it has another driver. */
-const tl_modbus_channel *tl_probe_modbus_channel(const tl_config *config, size_t signal);
+/* Sets the configured mapping, with nothing read. */
+void tl_probe_modbus_begin(tl_probe_modbus *self, const tl_config *config);
 
-/* Returns the text of the configuration that reads registers. The caller frees it. Returns NULL if
- * memory is out. */
-char *tl_probe_modbus_text(const tl_config *config);
+/* Returns true if the source, or the source of the signal, is read by Modbus. */
+bool tl_probe_modbus_has_source(const tl_config *config, size_t source);
+bool tl_probe_modbus_has(const tl_config *config, size_t signal);
+
+/* Returns the text of the configuration that reads the registers of this mapping. The caller frees
+ * it. Returns NULL if memory is out. */
+char *tl_probe_modbus_text(const tl_probe_modbus *self);
 
 /* As tl_plant_probe_settings.convert and .concerns; `context` is a tl_probe_modbus. */
 void tl_probe_modbus_convert(void *context, size_t signal, tl_reading *reading);

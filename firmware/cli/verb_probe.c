@@ -133,9 +133,9 @@ static void describe_verdict(const probe_job *job, size_t index, char text[VERDI
 
 /* Writes "0..1: 427B EC8B"; "" if the registers of a signal are not known. */
 static void describe_registers(const probe_job *job, size_t index, char text[REGISTERS]) {
-    const tl_modbus_channel *channel = tl_probe_modbus_channel(&job->config, index);
+    const tl_modbus_channel *channel = &job->modbus.channels[index];
     text[0] = '\0';
-    if (!job->modbus.has_registers[index]) {
+    if (!job->modbus.has_registers[index] || channel->type == TL_MODBUS_BIT) {
         return;
     }
     const size_t count = tl_modbus_registers(channel->type);
@@ -270,7 +270,8 @@ static tl_status read_config(probe_job *job) {
 
 static tl_status probe_plant(probe_job *job, tl_error *error) {
     const double duration_s = job->options->duration_s > 0 ? job->options->duration_s : DURATION_S;
-    char *text = tl_probe_modbus_text(&job->config);
+    tl_probe_modbus_begin(&job->modbus, &job->config);
+    char *text = tl_probe_modbus_text(&job->modbus);
     const tl_plant_probe_settings settings = {
         .config = &job->config,
         .text = text,
@@ -294,7 +295,6 @@ int tl_verb_probe(const tl_options *options) {
     static probe_job job; /* static, because it is too large for the stack */
     tl_error error;
     job = (probe_job){.options = options, .output = tl_output_claim()};
-    job.modbus.config = &job.config;
     tl_interrupt_install();
     tl_status status = read_config(&job);
     if (status == TL_OK) {
