@@ -14,6 +14,7 @@
 #include "firmware/base/output.h"
 #include "firmware/base/text.h"
 #include "firmware/cli/options.h"
+#include "firmware/cli/probe_cures.h"
 #include "firmware/cli/probe_modbus.h"
 #include "firmware/cli/roles.h"
 #include "firmware/config/drivers.h"
@@ -36,6 +37,7 @@ typedef struct probe_job {
     tl_config config;
     tl_plant_probe found;
     tl_probe_modbus modbus;
+    tl_probe_cures cures;
 } probe_job;
 
 /* ---- a run of the same configuration ---- */
@@ -180,6 +182,28 @@ static bool is_shown(const probe_job *job, size_t source) {
     return shown;
 }
 
+static void print_cures(const probe_job *job) {
+    const tl_config *config = &job->config;
+    for (size_t i = 0; i < config->own_count; i++) {
+        if (job->cures.signals[i][0] != '\0') {
+            (void)fprintf(job->output, "likely: plant.%s.modbus: %s\n", config->signals[i].plan.name,
+                          job->cures.signals[i]);
+        }
+    }
+    for (size_t i = 0; i < config->source_count; i++) {
+        if (job->cures.ports[i] != 0) {
+            (void)fprintf(job->output, "likely: %s: \"port\": %u\n", config->sources[i].where,
+                          (unsigned)job->cures.ports[i]);
+        }
+        if (job->cures.unclear[i]) {
+            (void)fprintf(
+                job->output,
+                "%s: another mapping may be right, but it cannot be told which one: compare with the display of the device\n",
+                config->sources[i].name);
+        }
+    }
+}
+
 static tl_status print_table(const probe_job *job, tl_error *error) {
     static const char *const header[] = {"signal", "value", "unit", "new 1/s", "age s", "registers", "verdict"};
     const tl_config *config = &job->config;
@@ -198,6 +222,9 @@ static tl_status print_table(const probe_job *job, tl_error *error) {
             (void)fprintf(job->output, "%s (%s): %s\n", config->sources[i].name, config->sources[i].driver->name,
                           job->found.messages[i]);
         }
+    }
+    if (status == TL_OK) {
+        print_cures(job);
     }
     return status;
 }
@@ -221,6 +248,7 @@ static void add_signal(const probe_job *job, size_t index, tl_json_writer *json)
     tl_json_add_text(json, "quality", tl_quality_name(signal->last.quality));
     tl_json_add_text(json, "verdict", verdict);
     tl_json_add_text(json, "registers", registers[0] != '\0' ? registers : NULL);
+    tl_json_add_text(json, "cure", job->cures.signals[index][0] != '\0' ? job->cures.signals[index] : NULL);
     tl_json_close(json);
 }
 
@@ -242,6 +270,8 @@ static tl_status print_json(const probe_job *job, tl_error *error) {
         tl_json_open_object(&json, config->sources[i].name);
         tl_json_add_text(&json, "kind", config->sources[i].driver->name);
         tl_json_add_text(&json, "message", job->found.messages[i][0] != '\0' ? job->found.messages[i] : NULL);
+        tl_json_add_number(&json, "port", job->cures.ports[i] != 0 ? (double)job->cures.ports[i] : (double)NAN);
+        tl_json_add_truth(&json, "unclear", job->cures.unclear[i]);
         tl_json_close(&json);
     }
     tl_status status = tl_json_writer_print(&json, job->output, error);
@@ -285,6 +315,9 @@ static tl_status probe_plant(probe_job *job, tl_error *error) {
                                     : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the configuration");
     status = status == TL_OK ? tl_plant_probe_run(&settings, &job->found, error) : status;
     free(text);
+    if (status == TL_OK && tl_interrupt_requested() == NULL) {
+        status = tl_probe_cures_find(&job->found, &job->modbus, run_role, &job->cures, error);
+    }
     if (status == TL_OK) {
         status = job->options->json ? print_json(job, error) : print_table(job, error);
     }

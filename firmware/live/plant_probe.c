@@ -225,12 +225,22 @@ static tl_status start_process(probing *self, int output, tl_error *error) {
     return status;
 }
 
+static bool are_all_known(const probing *self) {
+    bool known = true;
+    for (size_t i = 0; i < self->settings->config->own_count; i++) {
+        const tl_plant_probe_signal *signal = &self->probe->signals[i];
+        known = known && (signal->readings > 0 || signal->rejected > 0 || signal->cause[0] != '\0');
+    }
+    return known;
+}
+
 static bool is_over(probing *self, tl_time started) {
     const tl_time now = tl_clock_now(NULL);
     if (self->opened == 0 && tl_heartbeats_is_ready(self->blocks[TL_LIVE_IO_BEATS].bytes)) {
         self->opened = now;
     }
     return tl_interrupt_requested() != NULL || tl_role_watch(&self->io) ||
+           (self->settings->is_brief && are_all_known(self)) ||
            (self->opened != 0 ? now - self->opened >= self->settings->duration : now - started >= OPENING);
 }
 

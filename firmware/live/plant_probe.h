@@ -22,8 +22,9 @@
 
 typedef struct tl_plant_probe_settings {
     const tl_config *config; /* tl_config_use_lookups() was called */
-    const char *text;        /* configuration of the process; its signals and sources are those of `config` */
-    tl_time duration;        /* ns of reading, > 0 */
+    const char *text; /* configuration of the process: that of `config`, or with other keys of drivers but period_s */
+    tl_time duration; /* ns of reading, > 0 */
+    bool is_brief;    /* ends as soon as each signal has a reading or a problem */
     int (*run_role)(const char *role, void *context); /* runs a role in a fork if exec is not possible (role.h) */
 
     /* Converts a good reading of a signal before its limits are applied; NULL: it stays. */

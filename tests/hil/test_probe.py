@@ -10,6 +10,7 @@ import json
 import logging
 import os
 import signal
+import socket
 import struct
 import sys
 import threading
@@ -32,10 +33,13 @@ SPEED = struct.unpack(">HH", struct.pack(">f", OMEGA))
 
 
 class Server:
-    """A pymodbus server in a thread: units -> {table (1 to 4): {address: registers}}."""
+    """A pymodbus server in a thread: units -> {table (1 to 4): {address: registers}}.
 
-    def __init__(self, units, port=0):
-        self.units, self.wanted, self.functions = units, port, set()
+    `missing`: exception for all other units; None: they are silent.
+    """
+
+    def __init__(self, units, port=0, missing=None):
+        self.units, self.wanted, self.missing, self.functions = units, port, missing, set()
         self.loop = asyncio.new_event_loop()
         self.ready = threading.Event()
         self.thread = threading.Thread(target=self.run, daemon=True)
@@ -43,6 +47,8 @@ class Server:
     def trace(self, sending, pdu):
         if not sending:
             self.functions.add(pdu.function_code)
+        elif pdu.dev_id not in self.units:
+            pdu.exception_code = self.missing
         return pdu
 
     async def serve(self):
@@ -52,7 +58,8 @@ class Server:
             words = [[SimData(address, values=list(values), datatype=DataType.REGISTERS)
                       for address, values in sorted(tables.get(table, {9000: [0]}).items())] for table in (3, 4)]
             devices.append(SimDevice(unit, simdata=(*bits, *words)))
-        self.server = ModbusTcpServer(devices, address=("127.0.0.1", self.wanted), trace_pdu=self.trace)
+        self.server = ModbusTcpServer(devices, address=("127.0.0.1", self.wanted), trace_pdu=self.trace,
+                                      ignore_missing_devices=self.missing is None)
         await self.server.serve_forever(background=True)
         self.port = self.server.transport.sockets[0].getsockname()[1]
         self.ready.set()
@@ -182,6 +189,104 @@ def test_a_silent_device():
         code, report, _ = probe(probe_config(device.port))
         expect_qualities(code, report, "no link", "no link")
         expect(has_line(report["signals"]["omega"]["verdict"], "answer|0.2 s"), f"{report}")
+
+
+# ---- other mappings ----
+
+def expect_cures(report, omega=None, torque=None, port=None, unclear=False):
+    signals, source = report["signals"], report["sources"]["inverter"]
+    found = (signals["omega"]["cure"], signals["torque"]["cure"], source["port"], source["unclear"])
+    expect(found == (omega, torque, port, unclear), f"{report}")
+
+
+def test_cures():
+    """One change at a time, then two."""
+    for omega, torque, wanted in (
+            ({"words": "little"}, {}, ('"words": "big"', None)),
+            ({"table": "holding"}, {"table": "holding"}, ('"table": "input"', '"table": "input"')),
+            ({"address": 1}, {"address": 3}, ('"address": 0', '"address": 2')),
+            ({"address": 1, "words": "little"}, {"address": 3}, ('"address": 0, "words": "big"', '"address": 2')),
+            ({"address": 1, "table": "holding"}, {"address": 3, "table": "holding"},
+             ('"table": "input", "address": 0', '"table": "input", "address": 2'))):
+        with bench() as server:
+            config = probe_config(server.port, omega, torque)
+            code, report, _ = probe(config)
+            expect(code == BAD_DATA, f"exit code {code}")
+            expect_cures(report, *wanted)
+
+
+def test_a_cure_cures():
+    with bench(address=1) as server:
+        code, out, _ = run(["probe", probe_config(server.port), "--duration", 2])
+        expect(code == BAD_DATA and has_line(out, 'plant.omega.modbus: "address": 1') and
+               has_line(out, 'plant.torque.modbus: "address": 3'), out)
+        code, report, _ = probe(probe_config(server.port, {"address": 1}, {"address": 3}))
+        expect_qualities(code, report, "good", "good")
+        expect_cures(report)
+
+
+def test_another_unit():
+    """Other units are silent, or their gateway says that they do not answer."""
+    for missing in (None, 11):
+        with Server({3: {4: {0: [*SPEED, TORQUE]}}}, missing=missing) as server:
+            code, report, _ = probe(probe_config(server.port, {"unit_id": 9}, {"unit_id": 9}))
+            expect(code == BAD_DATA, f"exit code {code}")
+            expect_cures(report, '"unit_id": 3', '"unit_id": 3')
+
+
+def test_another_port():
+    with bench() as server:
+        closed = server.port
+    try:
+        socket.create_server(("127.0.0.1", 502)).close()
+    except OSError as reason:
+        print(f"    port 502: {reason}")
+        return
+    with Server({1: {4: {0: [*SPEED, TORQUE]}}}, 502):
+        code, report, _ = probe(probe_config(closed))
+        expect(code == BAD_DATA, f"exit code {code}")
+        expect_cures(report, port=502)
+
+
+def test_several_cures():
+    """The same values are above and below, and here in the other word order."""
+    with Server({1: {4: {99: [*SPEED, *SPEED, TORQUE]}}}) as server:
+        config = probe_config(server.port, {"address": 100}, {"address": 102})
+        code, report, _ = probe(config)
+        expect(code == BAD_DATA, f"exit code {code}")
+        expect_cures(report, unclear=True)
+        _, out, _ = run(["probe", config, "--duration", 2])
+        expect(has_line(out, "inverter|another mapping|display") and "likely" not in out, out)
+
+
+def test_a_right_mapping_is_not_cured():
+    """A sensor is out of range, off or missing: other mappings are not even tried. The other tables
+    and addresses hold plausible values."""
+    for speed, torque in ((600.0, TORQUE), (float("nan"), TORQUE), (float("nan"), 30000), (600.0, 0)):
+        words = struct.unpack(">HH", struct.pack(">f", speed))
+        with Server({1: {4: {0: [*words, torque, *SPEED]}, 3: {0: [*SPEED, TORQUE, *SPEED]}}}) as server:
+            code, report, log = probe(probe_config(server.port))
+            expect(code == BAD_DATA and not has_line(log, "other mappings"), log)
+            expect_cures(report)
+            expect(server.functions == {4}, f"{server.functions}")
+
+
+def test_one_value_proves_little():
+    """The speed has the number of a faulty sensor; the holding registers have a set point."""
+    words = struct.unpack(">HH", struct.pack(">f", 1e20))
+    with Server({1: {4: {0: [*words, TORQUE]}, 3: {0: [*SPEED, TORQUE]}}}) as server:
+        code, report, _ = probe(probe_config(server.port))
+        expect(code == BAD_DATA, f"exit code {code}")
+        expect_cures(report, unclear=True)
+
+
+def test_interrupted_while_it_tries():
+    with bench() as server, Program("probe", probe_config(server.port, {"address": 1}, {"address": 3}),
+                                    "--json", "--duration", 2) as program:
+        program.wait_for("other mappings")
+        code, out, _ = program.end(signal.SIGINT)
+        expect(code == BAD_DATA, f"exit code {code}")
+        expect_cures(json.loads(out))
 
 
 # ---- other drivers ----
