@@ -147,7 +147,9 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
     [TL_VERB_PROBE] = {"probe", "CONFIG [options]", "configuration", "ask the plant for each signal, without a twin",
                        "Reads all signals of the plant for some seconds, as `run` does, and prints for each one its "
                        "value, how often it comes, how old it is, and what is wrong. Loads no FMU and writes "
-                       "nothing to the plant. Exit code 65 if a signal is not good.",
+                       "nothing to the plant. Exit code 65 if a signal is not good. If a Modbus source is bad, "
+                       "tries other word orders, tables, addresses, units and port 502, and prints the only "
+                       "plausible mapping.",
                        "twinlock probe tank.json\n"
                        "twinlock probe tank.json --duration 60 --json"},
     [TL_VERB_REPLAY] = {"replay", "CONFIG [options]", "configuration", "run a recording through the twin",

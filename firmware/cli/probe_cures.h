@@ -1,4 +1,4 @@
-/* Cures of a Modbus source: finds a mapping under which the values of a bad source become plausible.
+/* Cures of a Modbus source: finds a mapping that makes the values of a bad source plausible.
  *
  * Purpose: manuals count addresses from 1, and say little about word order. If a source has absurd
  *          values, or the device has no such registers, other mappings of all its signals are
@@ -11,7 +11,7 @@
  *          range. Another table or address needs two such values, unless the present one is
  *          illegal.
  * Load:    reads each mapping only until each signal has a value or a problem, for two seconds at
- *          most, with a poll every 0.5 s. So mostly one or two requests per mapping.
+ *          most. A silent device is asked with the pauses of the driver.
  * Thread:  the main thread, as for plant_probe.h.
  */
 #ifndef TL_FIRMWARE_CLI_PROBE_CURES_H
@@ -21,19 +21,14 @@
 #include "firmware/live/plant_probe.h"
 #include "master/base/status.h"
 
-enum { TL_PROBE_CURE = 112 }; /* bytes of a text */
+enum { TL_PROBE_CURE = 128 }; /* bytes of a text */
 
-/* Zeroed: nothing to propose. */
-typedef struct tl_probe_cures {
-    char signals[TL_MAX_SIGNALS][TL_PROBE_CURE]; /* keys of plant.NAME.modbus to change; "": none */
-    uint16_t ports[TL_MAX_SIGNALS];              /* "port" of sources.NAME.modbus_tcp to change; 0: none */
-    bool unclear[TL_MAX_SIGNALS];                /* by source: other mappings are plausible, but no one is proven */
-} tl_probe_cures;
-
-/* Tries other mappings of each bad Modbus source. `found`, `present`: result of the probe. `run_role`
- * as in tl_plant_probe_settings. An interrupt ends the search without a proposal. Errors: those of
+/* Tries other mappings of each bad Modbus source. `found`, `present`: result of the probe.
+ * `run_role`: as in tl_plant_probe_settings. Sets the text of each signal: the keys to change, or
+ * that several mappings may be right; "": nothing to propose, or interrupted. Errors: those of
  * tl_plant_probe_run(). */
 tl_status tl_probe_cures_find(const tl_plant_probe *found, const tl_probe_modbus *present,
-                              int (*run_role)(const char *role, void *context), tl_probe_cures *cures, tl_error *error);
+                              int (*run_role)(const char *role, void *context),
+                              char cures[TL_MAX_SIGNALS][TL_PROBE_CURE], tl_error *error);
 
 #endif

@@ -1,7 +1,6 @@
 /* Modbus in a probe: see probe_modbus.h. */
 #include "firmware/cli/probe_modbus.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,11 +8,10 @@
 #include "firmware/config/drivers.h"
 #include "firmware/config/json_document.h"
 
-/* Least period of a source that is polled slowly, s. */
-static const double SLOW_S = 0.5;
+const char *const tl_probe_modbus_tables[] = {"", "coil", "discrete", "holding", "input"};
 
 void tl_probe_modbus_begin(tl_probe_modbus *self, const tl_config *config) {
-    *self = (tl_probe_modbus){.config = config, .slow = SIZE_MAX};
+    *self = (tl_probe_modbus){.config = config};
     for (size_t i = 0; i < config->own_count; i++) {
         if (tl_probe_modbus_has(config, i)) {
             self->channels[i] = *(const tl_modbus_channel *)config->signals[i].channel;
@@ -59,7 +57,6 @@ static bool set_item(cJSON *object, const char *key, cJSON *item) {
 
 static bool set_raw(cJSON *modbus, const tl_modbus_channel *channel) {
     static const char *const decoding[] = {"type", "words", "bytes", "scale", "offset"};
-    static const char *const tables[] = {"", "coil", "discrete", "holding", "input"};
     static const char *const types[] = {[TL_MODBUS_BIT] = "bit",
                                         [TL_MODBUS_UINT16] = "uint16",
                                         [TL_MODBUS_UINT32] = "uint32",
@@ -68,25 +65,24 @@ static bool set_raw(cJSON *modbus, const tl_modbus_channel *channel) {
         cJSON_DeleteItemFromObjectCaseSensitive(modbus, decoding[i]);
     }
     return set_item(modbus, "type", cJSON_CreateString(types[raw_type(channel)])) &&
-           set_item(modbus, "table", cJSON_CreateString(tables[channel->table])) &&
+           set_item(modbus, "table", cJSON_CreateString(tl_probe_modbus_tables[channel->table])) &&
            set_item(modbus, "address", cJSON_CreateNumber(channel->address)) &&
            set_item(modbus, "unit_id", cJSON_CreateNumber(channel->unit_id));
 }
 
-static bool set_slow(const tl_probe_modbus *self, cJSON *root) {
-    const tl_config_source *source = &self->config->sources[self->slow];
+static bool set_port(const tl_probe_modbus *self, cJSON *root) {
+    const tl_config_source *source = &self->config->sources[self->source];
     const cJSON *sources = cJSON_GetObjectItemCaseSensitive(root, "sources");
     const cJSON *named = cJSON_GetObjectItemCaseSensitive(sources, source->name);
     cJSON *settings = cJSON_GetObjectItemCaseSensitive(named, source->driver->name);
-    return set_item(settings, "period_s", cJSON_CreateNumber(fmax(source->period_s, SLOW_S))) &&
-           (self->port == 0 || set_item(settings, "port", cJSON_CreateNumber(self->port)));
+    return set_item(settings, "port", cJSON_CreateNumber(self->port));
 }
 
 char *tl_probe_modbus_text(const tl_probe_modbus *self) {
     const tl_config *config = self->config;
     cJSON *root = cJSON_Duplicate(config->tree, 1);
     const cJSON *plant = cJSON_GetObjectItemCaseSensitive(root, "plant");
-    bool is_made = root != NULL && (self->slow == SIZE_MAX || set_slow(self, root));
+    bool is_made = root != NULL && (self->port == 0 || set_port(self, root));
     for (size_t i = 0; i < config->own_count && is_made; i++) {
         if (tl_probe_modbus_has(config, i)) {
             const cJSON *signal = cJSON_GetObjectItemCaseSensitive(plant, config->signals[i].plan.name);

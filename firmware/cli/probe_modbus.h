@@ -19,13 +19,16 @@
 
 enum { TL_PROBE_REGISTERS = 4 }; /* most registers of a value */
 
+/* Names of the tables in a configuration, by tl_modbus_table. */
+extern const char *const tl_probe_modbus_tables[];
+
 /* A mapping of signals to registers, and what was read with it. */
 typedef struct tl_probe_modbus {
     const tl_config *config;
-    tl_modbus_channel channels[TL_MAX_SIGNALS]; /* of each signal with Modbus */
-    size_t slow;                                /* index of a source that is polled slowly; SIZE_MAX: none */
-    uint16_t port;                              /* of that source; 0: as configured */
-    bool has_registers[TL_MAX_SIGNALS];         /* `registers` is valid */
+    tl_modbus_channel channels[TL_MAX_SIGNALS];             /* of each signal with Modbus */
+    size_t source;                                          /* index of the source whose port is changed */
+    uint16_t port;                                          /* of that source; 0: as configured */
+    bool has_registers[TL_MAX_SIGNALS];                     /* `registers` is valid */
     uint16_t registers[TL_MAX_SIGNALS][TL_PROBE_REGISTERS]; /* as received, of the newest reading; a bit: 0 or 1 */
 } tl_probe_modbus;
 

@@ -37,7 +37,7 @@ typedef struct probe_job {
     tl_config config;
     tl_plant_probe found;
     tl_probe_modbus modbus;
-    tl_probe_cures cures;
+    char cures[TL_MAX_SIGNALS][TL_PROBE_CURE];
 } probe_job;
 
 /* ---- a run of the same configuration ---- */
@@ -106,22 +106,13 @@ static double rate_of(const probe_job *job, const tl_plant_probe_signal *signal)
     return job->found.lasted > 0 ? (double)signal->readings / tl_seconds(job->found.lasted) : 0;
 }
 
-static void describe_good(const tl_plant_probe_signal *signal, char text[VERDICT]) {
-    const char *unchanged = is_unchanged(signal) ? ", never changed" : "";
-    if (signal->rejected > 0) {
-        (void)snprintf(text, VERDICT, "ok%s; %llu readings before were out of range or not a number", unchanged,
-                       (unsigned long long)signal->rejected);
-    } else {
-        (void)snprintf(text, VERDICT, "ok%s", unchanged);
-    }
-}
-
 static void describe_verdict(const probe_job *job, size_t index, char text[VERDICT]) {
     const tl_plant_probe_signal *signal = &job->found.signals[index];
     const tl_quality quality = signal->last.quality;
     char what[TL_CONFIG_DESCRIPTION];
     if (is_good(signal)) {
-        describe_good(signal, text);
+        (void)snprintf(text, VERDICT, "ok%s%s%s", is_unchanged(signal) ? ", never changed" : "",
+                       signal->cause[0] != '\0' ? "; " : "", signal->cause);
     } else if (quality == TL_NO_LINK && signal->cause[0] != '\0') {
         (void)snprintf(text, VERDICT, "no value: %s%s%s", signal->cause, signal->later[0] != '\0' ? "; then: " : "",
                        signal->later);
@@ -170,40 +161,6 @@ static void add_row(const probe_job *job, size_t index, tl_show_table *table) {
     tl_show_table_add(table, "%s", verdict);
 }
 
-/* Returns true if the rows of the table show the newest message of this source. */
-static bool is_shown(const probe_job *job, size_t source) {
-    bool shown = false;
-    for (size_t i = 0; i < job->config.own_count; i++) {
-        const tl_plant_probe_signal *signal = &job->found.signals[i];
-        shown = shown || (signal->last.quality == TL_NO_LINK && job->config.signals[i].source == source &&
-                          (strcmp(signal->cause, job->found.messages[source]) == 0 ||
-                           strcmp(signal->later, job->found.messages[source]) == 0));
-    }
-    return shown;
-}
-
-static void print_cures(const probe_job *job) {
-    const tl_config *config = &job->config;
-    for (size_t i = 0; i < config->own_count; i++) {
-        if (job->cures.signals[i][0] != '\0') {
-            (void)fprintf(job->output, "likely: plant.%s.modbus: %s\n", config->signals[i].plan.name,
-                          job->cures.signals[i]);
-        }
-    }
-    for (size_t i = 0; i < config->source_count; i++) {
-        if (job->cures.ports[i] != 0) {
-            (void)fprintf(job->output, "likely: %s: \"port\": %u\n", config->sources[i].where,
-                          (unsigned)job->cures.ports[i]);
-        }
-        if (job->cures.unclear[i]) {
-            (void)fprintf(
-                job->output,
-                "%s: another mapping may be right, but it cannot be told which one: compare with the display of the device\n",
-                config->sources[i].name);
-        }
-    }
-}
-
 static tl_status print_table(const probe_job *job, tl_error *error) {
     static const char *const header[] = {"signal", "value", "unit", "new 1/s", "age s", "registers", "verdict"};
     const tl_config *config = &job->config;
@@ -217,14 +174,10 @@ static tl_status print_table(const probe_job *job, tl_error *error) {
         add_row(job, i, &table);
     }
     tl_status status = tl_show_table_end(&table, job->output, error);
-    for (size_t i = 0; i < config->source_count && status == TL_OK; i++) {
-        if (job->found.messages[i][0] != '\0' && !is_shown(job, i)) {
-            (void)fprintf(job->output, "%s (%s): %s\n", config->sources[i].name, config->sources[i].driver->name,
-                          job->found.messages[i]);
+    for (size_t i = 0; i < config->own_count && status == TL_OK; i++) {
+        if (job->cures[i][0] != '\0') {
+            (void)fprintf(job->output, "plant.%s.modbus: %s\n", config->signals[i].plan.name, job->cures[i]);
         }
-    }
-    if (status == TL_OK) {
-        print_cures(job);
     }
     return status;
 }
@@ -248,7 +201,7 @@ static void add_signal(const probe_job *job, size_t index, tl_json_writer *json)
     tl_json_add_text(json, "quality", tl_quality_name(signal->last.quality));
     tl_json_add_text(json, "verdict", verdict);
     tl_json_add_text(json, "registers", registers[0] != '\0' ? registers : NULL);
-    tl_json_add_text(json, "cure", job->cures.signals[index][0] != '\0' ? job->cures.signals[index] : NULL);
+    tl_json_add_text(json, "cure", job->cures[index][0] != '\0' ? job->cures[index] : NULL);
     tl_json_close(json);
 }
 
@@ -263,16 +216,6 @@ static tl_status print_json(const probe_job *job, tl_error *error) {
     tl_json_open_object(&json, "signals");
     for (size_t i = 0; i < config->own_count; i++) {
         add_signal(job, i, &json);
-    }
-    tl_json_close(&json);
-    tl_json_open_object(&json, "sources");
-    for (size_t i = 0; i < config->source_count; i++) {
-        tl_json_open_object(&json, config->sources[i].name);
-        tl_json_add_text(&json, "kind", config->sources[i].driver->name);
-        tl_json_add_text(&json, "message", job->found.messages[i][0] != '\0' ? job->found.messages[i] : NULL);
-        tl_json_add_number(&json, "port", job->cures.ports[i] != 0 ? (double)job->cures.ports[i] : (double)NAN);
-        tl_json_add_truth(&json, "unclear", job->cures.unclear[i]);
-        tl_json_close(&json);
     }
     tl_status status = tl_json_writer_print(&json, job->output, error);
     tl_json_writer_free(&json);
@@ -316,7 +259,7 @@ static tl_status probe_plant(probe_job *job, tl_error *error) {
     status = status == TL_OK ? tl_plant_probe_run(&settings, &job->found, error) : status;
     free(text);
     if (status == TL_OK && tl_interrupt_requested() == NULL) {
-        status = tl_probe_cures_find(&job->found, &job->modbus, run_role, &job->cures, error);
+        status = tl_probe_cures_find(&job->found, &job->modbus, run_role, job->cures, error);
     }
     if (status == TL_OK) {
         status = job->options->json ? print_json(job, error) : print_table(job, error);

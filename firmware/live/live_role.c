@@ -1,10 +1,15 @@
 /* Common part of the roles: see live_role.h. */
 #include "firmware/live/live_role.h"
 
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/process/role.h"
 
 static void put_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
     tl_record_queue_event(context, tick, severity, source, text);
@@ -51,4 +56,33 @@ int tl_live_role_end(tl_heartbeats *beats, bool was_ready, int code) {
         tl_heartbeats_announce(beats, tl_interrupt_requested() != NULL ? TL_END_CAUSE_REQUESTED : TL_END_CAUSE_OVER, 0);
     }
     return code;
+}
+
+tl_status tl_live_role_start(const tl_live_role_settings *settings, tl_role *role, tl_error *error) {
+    static const char *const names[] = {TL_LIVE_IO, TL_LIVE_RECORDER, TL_LIVE_CONFIG_MANAGER, TL_LIVE_EXPLAINER};
+    char title[TL_ROLE_TITLE];
+    tl_role_settings own = {.title = title, .fallback = settings->run_role};
+    int *descriptors = own.descriptors;
+    tl_block job = {.descriptor = -1};
+    size_t size = 0;
+    (void)snprintf(title, sizeof title, "%s [%s]", names[settings->kind], settings->name);
+    *role = (tl_role){.pid = 0};
+    unsigned char *bytes = tl_live_job_pack(settings->job, settings->path, settings->text, &size);
+    tl_status status = bytes != NULL ? tl_block_make_of("twinlock job", bytes, size, &job, error)
+                                     : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of \"%s\"", title);
+    free(bytes);
+    tl_live_blocks_pass(settings->kind, settings->job, settings->blocks, descriptors);
+    descriptors[0] = open("/dev/null", O_RDWR | O_CLOEXEC);
+    if (status == TL_OK) {
+        descriptors[1] = fcntl(settings->output, F_DUPFD_CLOEXEC, 0);
+        descriptors[2] = fcntl(settings->output, F_DUPFD_CLOEXEC, 0);
+        descriptors[TL_LIVE_JOB] = fcntl(job.descriptor, F_DUPFD_CLOEXEC, 0);
+        descriptors[TL_LIVE_CLIENT] = settings->client >= 0 ? fcntl(settings->client, F_DUPFD_CLOEXEC, 0) : -1;
+        bool is_short = descriptors[0] < 0 || descriptors[2] < 0 || descriptors[TL_LIVE_JOB] < 0;
+        status = is_short ? tl_fail(error, TL_TRY_AGAIN, "no file descriptors for \"%s\": %s", title, strerror(errno))
+                          : tl_role_start(&own, role, error);
+    }
+    tl_live_blocks_close_passed(descriptors);
+    tl_block_close(&job);
+    return status;
 }

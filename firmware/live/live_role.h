@@ -14,6 +14,7 @@
 
 #include "firmware/live/live_blocks.h"
 #include "firmware/process/confine.h"
+#include "firmware/process/role.h"
 #include "firmware/report/journal.h"
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/twin_role.h"
@@ -69,5 +70,23 @@ void tl_live_role_open_journal(tl_journal *journal, tl_record_queue *queue);
  * `code`. If `code` is not 0, the cause is TL_END_CAUSE_FAILED if the process had started its work
  * (`was_ready`), else TL_END_CAUSE_REFUSED. */
 int tl_live_role_end(tl_heartbeats *beats, bool was_ready, int code);
+
+/* ---- in the parent ---- */
+
+typedef struct tl_live_role_settings {
+    tl_live_kind kind; /* not TL_LIVE_IS_TWIN */
+    const tl_live_job *job;
+    const char *name;                                 /* of the configuration, for the title */
+    const char *path;                                 /* of the configuration file */
+    const char *text;                                 /* of the configuration */
+    const tl_block *blocks;                           /* TL_LIVE_BLOCKS of them */
+    int output;                                       /* descriptor to which it prints */
+    int client;                                       /* descriptor TL_LIVE_CLIENT; -1: none */
+    int (*run_role)(const char *role, void *context); /* runs a role in a fork if exec is not possible (role.h) */
+} tl_live_role_settings;
+
+/* Starts a process without FMUs. Keeps all descriptors. Sets *role as tl_role_start() does, which
+ * also states the errors. */
+tl_status tl_live_role_start(const tl_live_role_settings *settings, tl_role *role, tl_error *error);
 
 #endif

@@ -19,10 +19,8 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/process/role.h"
 
-/* Pause between two looks; longest time in which the process opens its sources, and in which it
- * ends, as in a run (supervisor.h). */
+/* Pause between two looks; longest time in which the process ends, as in a run (supervisor.h). */
 static const tl_time PAUSE = TL_SECOND / 20;
-static const tl_time OPENING = 30 * TL_SECOND;
 static const tl_time ENDING = TL_SECOND;
 
 /* The events name a reader of their queue only if a run is recorded. */
@@ -39,7 +37,8 @@ typedef struct probing {
     tl_record_queue_reader events;
     tl_relay log;
     tl_role io;
-    tl_time opened; /* 0: not yet */
+    bool is_open;  /* the process has opened its sources */
+    tl_time began; /* since then; before: since its start */
 } probing;
 
 /* ---- readings ---- */
@@ -94,12 +93,6 @@ static void note_ages(probing *self) {
 
 /* ---- messages ---- */
 
-/* A message of a source begins with its name. */
-static const char *message_of(const tl_config_source *source, const char *text) {
-    const size_t length = strlen(source->name);
-    return strncmp(text, source->name, length) == 0 && strncmp(text + length, ": ", 2) == 0 ? text + length + 2 : NULL;
-}
-
 /* A first problem may cause the next ones: the rows after a wrong header are no header either. */
 static void note_message(tl_plant_probe_signal *signal, tl_severity severity, const char *message) {
     char *text = signal->cause[0] == '\0' ? signal->cause : signal->later;
@@ -111,20 +104,15 @@ static void note_message(tl_plant_probe_signal *signal, tl_severity severity, co
     }
 }
 
+/* A message of a source begins with its name. */
 static void note_event(probing *self, const tl_recorder_event_entry *event) {
     const tl_plant_probe_settings *settings = self->settings;
-    const tl_config *config = settings->config;
-    for (size_t i = 0; i < config->source_count; i++) {
-        const char *message = message_of(&config->sources[i], event->text);
-        if (message == NULL) {
-            continue;
-        }
-        (void)snprintf(self->probe->messages[i], TL_EVENT_TEXT, "%s", message);
-        for (size_t k = 0; k < config->own_count; k++) {
-            if (config->signals[k].source == i &&
-                (settings->concerns == NULL || settings->concerns(settings->context, k, message))) {
-                note_message(&self->probe->signals[k], event->severity, message);
-            }
+    for (size_t i = 0; i < settings->config->own_count; i++) {
+        const char *source = settings->config->sources[settings->config->signals[i].source].name;
+        const char *message = event->text + strlen(source) + 2;
+        if (strncmp(event->text, source, strlen(source)) == 0 && strncmp(message - 2, ": ", 2) == 0 &&
+            (settings->concerns == NULL || settings->concerns(settings->context, i, message))) {
+            note_message(&self->probe->signals[i], event->severity, message);
         }
     }
 }
@@ -201,28 +189,18 @@ static tl_status make_memory(probing *self, tl_error *error) {
 /* Starts the process; its log goes to `output`, the write end of a pipe. */
 static tl_status start_process(probing *self, int output, tl_error *error) {
     const tl_config *config = self->settings->config;
-    char title[TL_ROLE_TITLE];
-    tl_role_settings role = {.title = title, .fallback = self->settings->run_role};
-    tl_block job = {.descriptor = -1};
-    size_t size = 0;
-    (void)snprintf(title, sizeof title, "%s [%s]", TL_LIVE_IO, config->name);
-    unsigned char *bytes = tl_live_job_pack(&self->job, config->path, self->settings->text, &size);
-    tl_status status = bytes != NULL ? tl_block_make_of("twinlock job", bytes, size, &job, error)
-                                     : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of \"%s\"", title);
-    free(bytes);
-    tl_live_blocks_pass(TL_LIVE_IS_IO, &self->job, self->blocks, role.descriptors);
-    if (status == TL_OK) {
-        role.descriptors[0] = open("/dev/null", O_RDWR | O_CLOEXEC);
-        role.descriptors[1] = fcntl(output, F_DUPFD_CLOEXEC, 0);
-        role.descriptors[2] = fcntl(output, F_DUPFD_CLOEXEC, 0);
-        role.descriptors[TL_LIVE_JOB] = fcntl(job.descriptor, F_DUPFD_CLOEXEC, 0);
-        bool is_short = role.descriptors[0] < 0 || role.descriptors[2] < 0 || role.descriptors[TL_LIVE_JOB] < 0;
-        status = is_short ? tl_fail(error, TL_TRY_AGAIN, "no file descriptors for \"%s\": %s", title, strerror(errno))
-                          : tl_role_start(&role, &self->io, error);
-    }
-    tl_live_blocks_close_passed(role.descriptors);
-    tl_block_close(&job);
-    return status;
+    const tl_live_role_settings settings = {
+        .kind = TL_LIVE_IS_IO,
+        .job = &self->job,
+        .name = config->name,
+        .path = config->path,
+        .text = self->settings->text,
+        .blocks = self->blocks,
+        .output = output,
+        .client = -1,
+        .run_role = self->settings->run_role,
+    };
+    return tl_live_role_start(&settings, &self->io, error);
 }
 
 static bool are_all_known(const probing *self) {
@@ -234,38 +212,30 @@ static bool are_all_known(const probing *self) {
     return known;
 }
 
-static bool is_over(probing *self, tl_time started) {
+static bool is_over(probing *self) {
     const tl_time now = tl_clock_now(NULL);
-    if (self->opened == 0 && tl_heartbeats_is_ready(self->blocks[TL_LIVE_IO_BEATS].bytes)) {
-        self->opened = now;
+    if (!self->is_open && tl_heartbeats_is_ready(self->blocks[TL_LIVE_IO_BEATS].bytes)) {
+        self->is_open = true;
+        self->began = now;
     }
     return tl_interrupt_requested() != NULL || tl_role_watch(&self->io) ||
-           (self->settings->is_brief && are_all_known(self)) ||
-           (self->opened != 0 ? now - self->opened >= self->settings->duration : now - started >= OPENING);
+           (self->settings->is_brief && are_all_known(self)) || now - self->began >= self->settings->duration;
 }
 
 /* Reads until the end of the probe. Errors: the process has failed. */
 static tl_status read_plant(probing *self, tl_error *error) {
-    const tl_time started = tl_clock_now(NULL);
-    while (!is_over(self, started)) {
+    self->began = tl_clock_now(NULL);
+    while (!is_over(self)) {
         take_all(self);
-        tl_clock_sleep_until(tl_clock_now(NULL) + (self->opened != 0 ? PAUSE : PAUSE / 10));
+        tl_clock_sleep_until(tl_clock_now(NULL) + (self->is_open ? PAUSE : PAUSE / 10));
     }
     take_all(self);
     note_ages(self);
-    self->probe->lasted = self->opened != 0 ? tl_clock_now(NULL) - self->opened : 0;
-    if (self->io.has_ended) {
-        const bool is_known = self->io.signal == 0;
-        tl_status status = is_known && self->io.code == tl_exit_code(TL_PLANT_DOWN) ? TL_PLANT_DOWN
-                           : is_known && self->io.code == tl_exit_code(TL_BAD_DATA) ? TL_BAD_DATA
-                                                                                    : TL_TRY_AGAIN;
-        return tl_fail(error, status, "the process that reads the plant ended with %s %d: see above",
-                       is_known ? "exit code" : "signal", is_known ? self->io.code : self->io.signal);
-    }
-    if (self->opened == 0 && tl_interrupt_requested() == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "the sources were not opened within %.0f s", tl_seconds(OPENING));
-    }
-    return TL_OK;
+    self->probe->lasted = tl_clock_now(NULL) - self->began;
+    return !self->io.has_ended ? TL_OK
+                               : tl_fail(error, TL_PLANT_DOWN, "the process that reads the plant ended by %s %d",
+                                         self->io.signal != 0 ? "signal" : "exit code",
+                                         self->io.signal != 0 ? self->io.signal : self->io.code);
 }
 
 static void end_process(probing *self) {

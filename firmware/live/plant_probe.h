@@ -45,13 +45,13 @@ typedef struct tl_plant_probe_signal {
 } tl_plant_probe_signal;
 
 typedef struct tl_plant_probe {
-    tl_time lasted; /* ns from the opening of the sources to the end; 0: they were not opened */
+    tl_time lasted;                                /* ns from the opening of the sources to the end */
     tl_plant_probe_signal signals[TL_MAX_SIGNALS]; /* by index in config->signals, up to own_count */
-    char messages[TL_MAX_SIGNALS][TL_EVENT_TEXT];  /* newest message of each source; "": none */
 } tl_plant_probe;
 
-/* Reads the plant. Errors: TL_BAD_DATA if a signal has no live source; TL_PLANT_DOWN if a source
- * can never work, with the reason in the log; TL_TRY_AGAIN. An interrupted probe is no error. */
+/* Reads the plant. Errors: TL_BAD_DATA if a signal has no live source; TL_PLANT_DOWN if the process
+ * has ended, because a source can never work (its log says why), or by a signal; TL_TRY_AGAIN. An
+ * interrupted probe is no error. */
 tl_status tl_plant_probe_run(const tl_plant_probe_settings *settings, tl_plant_probe *probe, tl_error *error);
 
 #endif

@@ -123,33 +123,20 @@ static void put_refusal_of_other(void *context, const char *text) {
 /* Starts a process without FMUs. `slot`: slot whose configuration it gets. Its output goes to a
  * pipe of the log relay. */
 static pid_t start_plain(tl_process_tree *self, tl_live_kind kind, uint32_t slot, tl_error *error) {
-    static const char *const names[] = {TL_LIVE_IO, TL_LIVE_RECORDER, TL_LIVE_CONFIG_MANAGER, TL_LIVE_EXPLAINER};
-    char title[TL_ROLE_TITLE];
-    tl_role_settings settings = {.title = title, .fallback = self->settings->run_role};
-    int *descriptors = settings.descriptors;
-    tl_block job = {.descriptor = -1};
     tl_role role = {.pid = 0};
-    (void)snprintf(title, sizeof title, "%s [%s]", names[kind], self->config.name);
     self->job.slot_index = slot;
-    size_t size = 0;
-    unsigned char *bytes = tl_live_job_pack(&self->job, self->settings->config->path, self->slots[slot].text, &size);
-    tl_status status = bytes != NULL ? tl_block_make_of("twinlock job", bytes, size, &job, error)
-                                     : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of \"%s\"", title);
-    free(bytes);
-    tl_live_blocks_pass(kind, &self->job, self->blocks, descriptors);
-    descriptors[0] = open("/dev/null", O_RDWR | O_CLOEXEC);
-    if (status == TL_OK) {
-        descriptors[1] = fcntl(tl_log_relay_pipe(&self->log, (unsigned)kind), F_DUPFD_CLOEXEC, 0);
-        descriptors[2] = fcntl(descriptors[1], F_DUPFD_CLOEXEC, 0);
-        descriptors[TL_LIVE_JOB] = fcntl(job.descriptor, F_DUPFD_CLOEXEC, 0);
-        descriptors[TL_LIVE_CLIENT] =
-            kind == TL_LIVE_IS_CONFIG_MANAGER ? fcntl(self->listener, F_DUPFD_CLOEXEC, 0) : -1;
-        bool is_short = descriptors[0] < 0 || descriptors[2] < 0 || descriptors[TL_LIVE_JOB] < 0;
-        (void)(is_short ? tl_fail(error, TL_TRY_AGAIN, "no file descriptors for \"%s\": %s", title, strerror(errno))
-                        : tl_role_start(&settings, &role, error));
-    }
-    tl_live_blocks_close_passed(descriptors);
-    tl_block_close(&job);
+    const tl_live_role_settings settings = {
+        .kind = kind,
+        .job = &self->job,
+        .name = self->config.name,
+        .path = self->settings->config->path,
+        .text = self->slots[slot].text,
+        .blocks = self->blocks,
+        .output = tl_log_relay_pipe(&self->log, (unsigned)kind),
+        .client = kind == TL_LIVE_IS_CONFIG_MANAGER ? self->listener : -1,
+        .run_role = self->settings->run_role,
+    };
+    (void)tl_live_role_start(&settings, &role, error);
     return role.pid;
 }
 
