@@ -128,7 +128,8 @@ static void describe_verdict(const probe_job *job, size_t index, char text[VERDI
 static void describe_registers(const probe_job *job, size_t index, char text[REGISTERS]) {
     const tl_modbus_channel *channel = &job->modbus.channels[index];
     text[0] = '\0';
-    if (!job->modbus.has_registers[index] || channel->type == TL_MODBUS_BIT) {
+    if (!job->modbus.has_registers[index] || channel->type == TL_MODBUS_BIT ||
+        job->found.signals[index].last.quality == TL_NO_LINK) {
         return;
     }
     const size_t count = tl_modbus_registers(channel->type);
@@ -258,8 +259,9 @@ static tl_status probe_plant(probe_job *job, tl_error *error) {
                                     : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the configuration");
     status = status == TL_OK ? tl_plant_probe_run(&settings, &job->found, error) : status;
     free(text);
-    if (status == TL_OK && tl_interrupt_requested() == NULL) {
-        status = tl_probe_cures_find(&job->found, &job->modbus, run_role, job->cures, error);
+    if (status == TL_OK && tl_interrupt_requested() == NULL &&
+        tl_probe_cures_find(&job->found, &job->modbus, run_role, job->cures, error) != TL_OK) {
+        tl_log(TL_LOG_WARNING, "not all other mappings were tried: %s", error->text); /* the probe is valid */
     }
     if (status == TL_OK) {
         status = job->options->json ? print_json(job, error) : print_table(job, error);

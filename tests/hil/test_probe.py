@@ -291,6 +291,18 @@ def test_interrupted_while_it_tries():
         expect_cures(json.loads(out))
 
 
+def test_a_dead_process_while_it_tries():
+    with Device(OMEGA) as device:
+        device.silent = True
+        config = probe_config(device.port, sources={"inverter": {"modbus_tcp": {"port": device.port, "timeout_s": 2}}})
+        with Program("probe", config, "--json", "--duration", 4) as program:
+            program.wait_for("other mappings")
+            os.kill(member(program, "io"), signal.SIGKILL)
+            code, out, log = program.end()
+        expect(code == BAD_DATA and has_line(log, "warning|other mappings|9"), f"{code}: {log}")
+        expect_cures(json.loads(out))
+
+
 # ---- other drivers ----
 
 def csv_config(file):
