@@ -205,7 +205,7 @@ static int send_request(rtu_link *rtu, const tl_modbus_read *read) {
 static int drop_echo(rtu_link *rtu, const tl_modbus_read *read_request, tl_time deadline) {
     const tl_modbus_question asked = {.read = read_request};
     uint8_t sent[TL_MODBUS_TCP_REQUEST];
-    uint8_t echo[REQUEST];
+    uint8_t echo[REQUEST] = {0};
     size_t size = 0;
     tl_modbus_put_framed(&asked, sent);
     while (size < sizeof echo) {

@@ -154,23 +154,24 @@ static int receive(const tl_modbus_link *link, uint8_t *bytes, size_t room, tl_t
     return 0;
 }
 
-/* The two kinds of frames. */
+/* Bytes of an answer before and after its values, and of a request. An exception has no values. */
 typedef struct framing {
-    size_t request;   /* bytes of a request */
-    size_t head, sum; /* bytes of an answer before and after its values; an exception has no values */
-    void (*put)(const tl_modbus_question *asked, uint8_t request[TL_MODBUS_TCP_REQUEST]);
-    tl_modbus_outcome (*check)(const tl_modbus_question *asked, const uint8_t *answer, size_t size, size_t *missing);
+    size_t head, sum, request;
 } framing;
 
-static const framing FRAMINGS[2] = {
-    {TL_MODBUS_TCP_REQUEST, TL_MODBUS_TCP_FIRST, 0, tl_modbus_put_request, tl_modbus_check_tcp},
-    {TL_MODBUS_BODY_REQUEST + TL_MODBUS_SUM, TL_MODBUS_RTU_FIRST, TL_MODBUS_SUM, tl_modbus_put_framed,
-     tl_modbus_check_framed},
-};
+static const framing TCP_FRAMES = {.head = TL_MODBUS_TCP_FIRST, .request = TL_MODBUS_TCP_REQUEST};
+static const framing RTU_FRAMES = {
+    .head = TL_MODBUS_RTU_FIRST, .sum = TL_MODBUS_SUM, .request = TL_MODBUS_BODY_REQUEST + TL_MODBUS_SUM};
+
+static tl_modbus_outcome check_answer(const tcp_link *tcp, const tl_modbus_question *asked, const uint8_t *answer,
+                                      size_t size, size_t *missing) {
+    return tcp->rtu_framing ? tl_modbus_check_framed(asked, answer, size, missing)
+                            : tl_modbus_check_tcp(asked, answer, size, missing);
+}
 
 static tl_modbus_outcome exchange(tcp_link *tcp, const tl_modbus_read *read, tl_modbus_values *values) {
     tl_modbus_link *link = &tcp->link;
-    const framing *frame = &FRAMINGS[tcp->rtu_framing ? 1 : 0];
+    const framing *frame = tcp->rtu_framing ? &RTU_FRAMES : &TCP_FRAMES;
     uint8_t request[TL_MODBUS_TCP_REQUEST];
     uint8_t answer[TL_MODBUS_TCP_ANSWER];
     tcp->transaction++;
@@ -178,7 +179,11 @@ static tl_modbus_outcome exchange(tcp_link *tcp, const tl_modbus_read *read, tl_
                                       .transaction = tcp->transaction,
                                       .any_unit_id = tcp->any_unit_id,
                                       .any_transaction_id = tcp->any_transaction_id};
-    frame->put(&asked, request);
+    if (tcp->rtu_framing) {
+        tl_modbus_put_framed(&asked, request);
+    } else {
+        tl_modbus_put_request(&asked, request);
+    }
     errno = EIO;
     if (send(link->descriptor, request, frame->request, MSG_NOSIGNAL) != (ssize_t)frame->request) {
         return failed_with(errno);
@@ -187,13 +192,13 @@ static tl_modbus_outcome exchange(tcp_link *tcp, const tl_modbus_read *read, tl_
     const size_t most = frame->head + tl_modbus_value_bytes(read) + frame->sum;
     size_t size = 0;
     size_t missing = 0;
-    tl_modbus_outcome outcome = frame->check(&asked, answer, size, &missing);
+    tl_modbus_outcome outcome = check_answer(tcp, &asked, answer, size, &missing);
     while (missing > 0) {
         int failure = receive(link, answer + size, most - size, deadline, &size);
         if (failure != 0) {
             return failed_with(failure);
         }
-        outcome = frame->check(&asked, answer, size, &missing);
+        outcome = check_answer(tcp, &asked, answer, size, &missing);
     }
     if (outcome.kind == TL_MODBUS_VALUES) {
         tl_modbus_take_values(read, answer + frame->head, values);
