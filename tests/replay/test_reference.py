@@ -10,7 +10,7 @@ from twinlock_test import SOURCE, edited_config, expect, main, run, run_well, sc
 
 PAGES = SOURCE / "docs" / "reference"
 # Commands that change a running twin, or ask other programs: tests/hil and tests/serve run these.
-LIVE = ("twinlock reload", "twinlock run", "twinlock plant", "twinlock serve", "twinlock token", "curl ", "systemctl ", "sftp ")
+LIVE = ("twinlock reload", "twinlock run", "twinlock plant", "twinlock probe", "twinlock serve", "twinlock token", "curl ", "systemctl ", "sftp ")
 
 
 def blocks(page):
