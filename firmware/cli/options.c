@@ -224,7 +224,7 @@ enum {
 static const tl_option OPTIONS[] = {
     {INIT, "recording", "FILE", tl_option_text, SETS(recording),
      .help = "a CSV file: its columns become signals, if their names fit variables of the FMUs"},
-    {INIT, "plant", "FILE", tl_option_text, SETS(plant),
+    {INIT, "plant", "FILE", tl_option_text, SETS(plant), .alone = true,
      .help = "a JSON file with \"sources\" and \"plant\" of a configuration, for example of `script/dbc2json`"},
     {INIT, "modbus", "HOST[:PORT]", tl_option_text, SETS(modbus), .alone = true,
      .help = "read the signals from this device by Modbus TCP; their addresses are to be filled in"},
@@ -409,12 +409,15 @@ tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_optio
     if (outcome != TL_OPTIONS_READ) {
         return outcome;
     }
-    options->subject = count > 0 ? words[0] : NULL;
-    options->fmus = words;
-    options->fmu_count = count;
-    return verb == TL_VERB_INIT && count == 0
-               ? tl_options_refuse(&tl_verb_rows[verb], "expected at least one FMU, found none")
-               : TL_OPTIONS_READ;
+    if (count == 0) { /* of a verb that takes several words */
+        return tl_options_refuse(&tl_verb_rows[verb], "expected at least one FMU, found none");
+    }
+    options->subject = words[0];
+    if (verb == TL_VERB_INIT) {
+        options->fmus = words;
+        options->fmu_count = count;
+    }
+    return outcome;
 }
 
 tl_status tl_options_find_recording(const tl_options *options, const tl_config *config, char path[PATH_MAX],

@@ -68,7 +68,10 @@ static void test_defaults(void) {
         TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(verb, "subject"));
         TEST_ASSERT_EQUAL_STRING("subject", options.subject);
         TEST_ASSERT_EQUAL_STRING("", said);
+        TEST_ASSERT_EQUAL_size_t(verb == TL_VERB_INIT ? 1 : 0, options.fmu_count);
         options.subject = NULL;
+        options.fmus = NULL;
+        options.fmu_count = 0;
         TEST_ASSERT_EQUAL_MEMORY(&wanted, &options, sizeof wanted);
     }
 }
@@ -107,6 +110,16 @@ static void test_every_option_sets_its_own(void) {
     TEST_ASSERT_TRUE(options.variables);
     TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_PROBE, "c", "--json", "--duration", "0.5"));
     TEST_ASSERT_TRUE(options.json && options.duration_s == 0.5);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_INIT, "a.fmu", "--recording", "r", "b.fmu", "--plant", "p",
+                                                "--step", "0.5", "--output", "o"));
+    TEST_ASSERT_EQUAL_size_t(2, options.fmu_count);
+    TEST_ASSERT_EQUAL_STRING("b.fmu", options.fmus[1]);
+    TEST_ASSERT_EQUAL_STRING("r", options.recording);
+    TEST_ASSERT_EQUAL_STRING("p", options.plant);
+    TEST_ASSERT_EQUAL_STRING("o", options.output);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, options.step_s);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_INIT, "a.fmu", "--modbus", "m:1"));
+    TEST_ASSERT_EQUAL_STRING("m:1", options.modbus);
 }
 
 static void test_the_lesser_right_counts(void) {
@@ -184,6 +197,8 @@ static void test_options_that_need_another(void) {
 
 /* A supervised run has its own time limit for calls. */
 static void test_options_that_exclude_each_other(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_WRONG, READ(TL_VERB_INIT, "a.fmu", "--modbus", "m", "--plant", "p"));
+    expect_said(TL_VERB_INIT, "--modbus|--plant");
     TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RUN, "c", "--call-limit", "2.5"));
     TEST_ASSERT_EQUAL_DOUBLE(2.5, options.call_limit_s);
     TEST_ASSERT_EQUAL_INT(TL_OPTIONS_WRONG, READ(TL_VERB_RUN, "c", "--call-limit", "2.5", "--supervise"));
