@@ -2,6 +2,7 @@
 #include "board/csv/csv_table.h"
 
 #include <assert.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -168,7 +169,9 @@ tl_status tl_csv_table_make(tl_csv_table *table, const tl_csv_settings *settings
     table->columns = calloc(settings->column_count + 1, sizeof *table->columns);
     bool complete = table->path != NULL && table->time_column != NULL && table->columns != NULL;
     for (size_t i = 0; complete && i < settings->column_count; i++) {
-        table->columns[i] = copy_of(settings->columns[i]);
+        table->columns[i] = copy_of(settings->columns[i].name);
+        table->scales[i] = settings->columns[i].scale;
+        table->offsets[i] = settings->columns[i].offset;
         complete = table->columns[i] != NULL;
         table->column_count++;
     }
@@ -400,6 +403,19 @@ static bool read_value(tl_csv_table *table, char *cell, double *value) {
     return *value > 0 || strcasecmp(cell, "false") == 0;
 }
 
+/* Without a scale, value and cell have the same bits, also −0. */
+static bool read_channel(tl_csv_table *table, size_t channel, double *value) {
+    const double scale = table->scales[channel];
+    const double offset = table->offsets[channel];
+    bool is_good = read_value(table, table->cells[table->cell_of[channel]], value);
+    if (is_good && (scale != 1 || offset != 0)) {
+        *value = *value * scale + offset;
+        is_good = isfinite(*value) != 0;
+        *value = is_good ? *value : 0;
+    }
+    return is_good;
+}
+
 static bool read_time(tl_csv_table *table, char *cell, tl_time *time) {
     char *comma = table->separator == ',' || strpbrk(cell, ".:") != NULL ? NULL : strchr(cell, ',');
     put(comma, '.');
@@ -433,9 +449,8 @@ tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_c
     }
     table->has_rows = true;
     for (size_t i = 0; i < table->column_count; i++) {
-        char *cell = table->cells[table->cell_of[i]];
-        bool good = read_value(table, cell, &row->values[i]);
-        row->present[i] = cell[0] != '\0';
+        bool good = read_channel(table, i, &row->values[i]);
+        row->present[i] = table->cells[table->cell_of[i]][0] != '\0';
         row->quality[i] = good ? TL_GOOD : TL_NOT_A_NUMBER;
     }
     return TL_OK;

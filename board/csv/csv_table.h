@@ -17,20 +17,27 @@
 /* ---- Columns and one row of a CSV stream.
  *
  * Purpose: shared by the reader, the driver and the table below.
- * Units:   times in ns (csv_time.h); values as in the cells.
+ * Units:   times in ns (csv_time.h); values as the columns scale them.
  * Owner:   the caller owns rows and the texts of the settings.
  */
+
+/* Source of a channel: value = cell·scale + offset. */
+typedef struct tl_csv_column {
+    const char *name;
+    double scale; /* not 0 */
+    double offset;
+} tl_csv_column;
 
 typedef struct tl_csv_settings {
     const char *path;
     const char *time_column;
-    const char *const *columns; /* name of the column of each channel, by channel index */
+    const tl_csv_column *columns; /* of each channel, by channel index */
     size_t column_count;
 } tl_csv_settings;
 
 /* One row; the arrays are indexed by channel. `present` is false for an empty cell. A cell that is
- * no finite number and no truth value, also an empty one, has the quality TL_NOT_A_NUMBER and the
- * value 0. */
+ * no truth value and whose value is not finite, also an empty one, has the quality TL_NOT_A_NUMBER
+ * and the value 0. */
 typedef struct tl_csv_row {
     tl_time time; /* ns, by the time column */
     bool present[TL_MAX_SIGNALS];
@@ -88,6 +95,7 @@ typedef struct tl_csv_table {
     char *path; /* for error texts */
     char *time_column;
     char **columns;
+    double scales[TL_MAX_SIGNALS], offsets[TL_MAX_SIGNALS]; /* of each channel */
     size_t column_count;
     size_t cell_count;              /* cells of each row; 0: no header yet */
     size_t time_cell;               /* index of the time cell in a row */

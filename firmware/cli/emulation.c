@@ -60,14 +60,17 @@ tl_status tl_emulation_open_recording(const char *path, const tl_config *config,
     if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", path);
     }
+    tl_csv_column columns[TL_MAX_SIGNALS];
     opened->column_count = config->signal_count;
     for (size_t i = 0; i < config->signal_count; i++) {
-        opened->columns[i] = config->signals[i].column;
+        const tl_config_signal *signal = &config->signals[i];
+        opened->columns[i] = signal->column;
+        columns[i] = (tl_csv_column){.name = signal->column, .scale = signal->scale, .offset = signal->offset};
     }
     const tl_csv_settings settings = {
         .path = path,
         .time_column = config->recording_time_column,
-        .columns = opened->columns,
+        .columns = columns,
         .column_count = opened->column_count,
     };
     tl_status status = tl_csv_open(&settings, &opened->reader, error);

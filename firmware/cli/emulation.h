@@ -47,7 +47,7 @@ typedef struct tl_emulation tl_emulation;
 
 typedef struct tl_emulation_row {
     tl_time time;                  /* ns since the first row */
-    double values[TL_MAX_SIGNALS]; /* by column, in the column's unit */
+    double values[TL_MAX_SIGNALS]; /* by column, in the signal's unit */
     bool present[TL_MAX_SIGNALS];  /* by column; false: the recording's cell is empty or no number */
 } tl_emulation_row;
 

@@ -30,6 +30,7 @@ typedef struct player {
     tl_account account;
     tl_emulation *emulation;
     tl_plant_stream *stream;
+    double scales[TL_MAX_SIGNALS], offsets[TL_MAX_SIGNALS]; /* of the stream's columns, as its reader applies them */
     served_source served[TL_MAX_SIGNALS];
     size_t served_count;
 } player;
@@ -75,7 +76,9 @@ static tl_status find_signals(const player *self, const tl_config *listener, siz
         if (signal->source != index) {
             continue;
         }
-        size_t column = find_column(self->emulation, signal->column);
+        /* a recording has a column per signal; two signals may scale one column */
+        const bool is_own = listener == &self->job->config && listener->emulated_count == 0;
+        size_t column = is_own ? i : find_column(self->emulation, signal->column);
         if (column == SIZE_MAX) {
             return tl_fail(error, TL_BAD_DATA,
                            "plant.%s: this plant has no column \"%s\": correct the column, or give another --recording",
@@ -158,11 +161,25 @@ static tl_status open_servers(player *self, const tl_config *listener, tl_error 
     return status;
 }
 
+/* Finds the scale by which the listener reads a column. */
+static void find_scale(const tl_config *listener, const char *column, double *scale, double *offset) {
+    *scale = 1;
+    *offset = 0;
+    for (size_t i = 0; i < listener->signal_count; i++) {
+        if (strcmp(listener->signals[i].column, column) == 0) {
+            *scale = listener->signals[i].scale;
+            *offset = listener->signals[i].offset;
+            return;
+        }
+    }
+}
+
 static tl_status open_stream(player *self, const tl_config *listener, tl_error *error) {
     const char *columns[TL_MAX_SIGNALS];
     size_t count = tl_emulation_column_count(self->emulation);
     for (size_t i = 0; i < count; i++) {
         columns[i] = tl_emulation_column(self->emulation, i);
+        find_scale(listener, columns[i], &self->scales[i], &self->offsets[i]);
     }
     const tl_plant_stream_settings settings = {
         .path = self->job->options->fifo != NULL ? self->job->options->fifo : self->job->options->record,
@@ -192,7 +209,11 @@ static tl_status show_row(player *self, const tl_emulation_row *row, tl_error *e
     if (self->stream == NULL) {
         return TL_OK;
     }
-    (void)tl_plant_stream_row(self->stream, row->time, row->values, row->present);
+    double cells[TL_MAX_SIGNALS];
+    for (size_t i = 0; i < tl_emulation_column_count(self->emulation); i++) {
+        cells[i] = (row->values[i] - self->offsets[i]) / self->scales[i];
+    }
+    (void)tl_plant_stream_row(self->stream, row->time, cells, row->present);
     return tl_plant_stream_check(self->stream, error);
 }
 

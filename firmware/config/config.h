@@ -76,6 +76,7 @@ typedef struct tl_config_signal {
     bool is_declared;        /* an FMU declares a limit that is in use, or `items` */
     double stale_s;          /* s; a reading older than this is stale; 0: never */
     const char *column;      /* column in a recording or CSV source; default: the signal's name */
+    double scale, offset;    /* of the column: value = cell·scale + offset */
     size_t source;           /* index of its live source; SIZE_MAX: only in recordings */
     void *channel;           /* filled by driver->read_signal(); NULL: no key of a driver */
     tl_time look_back;       /* ns, ≥ 0: look-up this long before the sample's instant */

@@ -13,12 +13,24 @@ static void read_source(tl_config_object *object, tl_config_source *source) {
     (void)tl_config_get_text(object, "time_column", TL_CONFIG_OPTIONAL, "\"time\"", &settings->time_column);
 }
 
-/* Recordings use the same column. */
+static void refuse_scale(tl_config_object *object, const char *key) {
+    if (tl_config_get(object, key, TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
+        tl_config_wrong(object, key, NULL, "none, because the signal is a boolean", NULL);
+    }
+}
+
+/* Recordings use the same column and scale. */
 static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal) {
-    const char **column = signal->channel;
+    tl_csv_column *column = signal->channel;
     (void)named;
     (void)tl_config_get_text(object, "column", TL_CONFIG_OPTIONAL, "\"omega\"", &signal->column);
-    *column = signal->column;
+    if (signal->plan.type == TL_BOOLEAN) {
+        refuse_scale(object, "scale");
+        refuse_scale(object, "offset");
+    } else {
+        tl_config_get_scale(object, &signal->scale, &signal->offset);
+    }
+    *column = (tl_csv_column){.name = signal->column, .scale = signal->scale, .offset = signal->offset};
 }
 
 static void reach(const tl_config_source *source, tl_source_reach *reach) {
@@ -48,7 +60,7 @@ const tl_driver tl_driver_csv = {
     .signal_example = "{\"column\": \"omega\"}",
     .source_is_optional = true,
     .settings_bytes = sizeof(tl_csv_settings),
-    .channel_bytes = sizeof(const char *),
+    .channel_bytes = sizeof(tl_csv_column),
     .read_source = read_source,
     .read_signal = read_signal,
     .rules = RULES,

@@ -247,6 +247,7 @@ static void read_named_signal(const tl_config_object *map, const cJSON *item, si
     signal->plan.name = item->string;
     signal->plan.unit = "";
     signal->column = item->string;
+    signal->scale = 1;
     signal->source = SIZE_MAX;
     if (tl_config_entry(map, item, "{\"unit\": \"rad/s\"}", &entry)) {
         read_signal(&entry, signal);

@@ -485,9 +485,10 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
 /* Opens the file for the first `count` signals. */
 static tl_status open_reader(const char *path, const tl_config *config, size_t count, tl_csv_reader **reader,
                              tl_error *error) {
-    const char *columns[TL_MAX_SIGNALS];
+    tl_csv_column columns[TL_MAX_SIGNALS];
     for (size_t i = 0; i < count; i++) {
-        columns[i] = config->signals[i].column;
+        const tl_config_signal *signal = &config->signals[i];
+        columns[i] = (tl_csv_column){.name = signal->column, .scale = signal->scale, .offset = signal->offset};
     }
     const tl_csv_settings settings = {
         .path = path,

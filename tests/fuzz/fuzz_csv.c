@@ -70,7 +70,7 @@ static void say(void *context, bool up, const char *text) {
 }
 
 static void play(const uint8_t *data, size_t size) {
-    static const char *const columns[] = {"omega", "brake"};
+    static const tl_csv_column columns[] = {{"omega", 1, 0}, {"brake", 0.5, -1}};
     const tl_plant_io_sink sink = {.post = post, .link = say};
     tl_csv_settings settings = {.time_column = "time", .columns = columns, .column_count = 2};
     tl_plant_io *io = NULL;

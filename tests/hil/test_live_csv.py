@@ -98,6 +98,23 @@ def test_fifo_and_its_writer_twice():
     check_replay(config, database, rows)
 
 
+def test_a_scaled_column():
+    """Samples are in the signal's unit; a replay of the database does not scale them again."""
+    signals = {"torque": {"modbus": None, "csv": {"source": "stream"}},
+               "omega": {"modbus": None, "csv": {"source": "stream", "scale": 2, "offset": -8}}}
+    config, fifo, database = csv_config("plant.fifo", plant=signals)
+    os.mkfifo(fifo)
+    with Program("run", config, "--json") as live, Feeder(fifo, live) as feeder:
+        feeder.speed = repr((OMEGA + 8) / 2)
+        wait_for_lock(live, database)
+        feeder.speed = "nan"
+        wait_for_quality(live, database, "omega", NOT_A_NUMBER)
+        told, _ = end_well(live, signal.SIGTERM)
+    rows = check_summary(told, database)
+    check_free_run(database)
+    check_replay(config, database, rows)
+
+
 def test_invalid_rows():
     config, fifo, database = csv_config("plant.fifo")
     os.mkfifo(fifo)

@@ -5,7 +5,7 @@ import gzip
 from datetime import datetime, timedelta, timezone
 from decimal import Decimal
 
-from twinlock_test import BAD_DATA, SOURCE, expect, expect_line, main, run, scratch
+from twinlock_test import BAD_DATA, SOURCE, edited_config, expect, expect_line, main, run, scratch
 
 LOCK = SOURCE / "config/motor/lock.json"
 COLUMNS = ("t", "omega", "M_brake")
@@ -82,6 +82,48 @@ def test_an_event_has_two_rows():
     expected, _ = replayed(lines([COLUMNS, *ROWS]))
     result, _ = replayed(lines(rows))
     expect(result == expected, "another twin")
+
+
+def scaled():
+    """The configuration with a speed of 16 rad/s per cell, and its recording; both are exact."""
+    folder = scratch()
+    path = folder / "own.csv"
+    rows = [COLUMNS, *[[t, str(Decimal(omega) / 16), rest] for t, omega, rest in ROWS]]
+    path.write_text(lines(rows), encoding="utf-8")
+    config = edited_config(LOCK, {"plant": {"omega": {"csv": {"column": "omega", "scale": 16}}}})
+    return config, path
+
+
+def test_a_scaled_column():
+    expected, _ = replayed(lines([COLUMNS, *ROWS]))
+    config, path = scaled()
+    result = path.parent / "result.csv"
+    code, _, err = run(["replay", config, "--recording", path, "--csv", result])
+    expect(code == 0, err)
+    expect(result.read_bytes() == expected, "another twin")
+
+
+def test_a_survey_of_a_scaled_column():
+    config, path = scaled()
+    plain = path.parent / "plain" / "own.csv"
+    plain.parent.mkdir()
+    plain.write_text(lines([COLUMNS, *ROWS]), encoding="utf-8")
+    pages = []
+    for checked, recording in ((LOCK, plain), (config, path)):
+        code, out, err = run(["check", checked, "--recording", recording])
+        expect(code == 0, err)
+        pages.append([line for line in out.splitlines() if "plant.omega" in line or "rad/s" in line])
+    expect(pages[0] and pages[0] == pages[1], f"surveys differ: {pages}")
+
+
+def test_a_played_recording_is_not_scaled_twice():
+    """`plant --record` writes cells that the same configuration reads to the same values."""
+    config, path = scaled()
+    played = path.parent / "played.csv"
+    code, _, err = run(["plant", config, "--recording", path, "--record", played])
+    expect(code == 0, err)
+    column = [float(row["omega"]) for row in csv.DictReader(played.open(encoding="utf-8"))]
+    expect(column == [float(row[1]) / 16 for row in ROWS], "other cells")
 
 
 def test_local_times_go_back():

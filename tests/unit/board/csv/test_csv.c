@@ -19,7 +19,7 @@ static tl_csv_reader *reader;
 static tl_csv_row row;
 static tl_error error;
 
-static const char *const UV[] = {"u", "v"};
+static const tl_csv_column UV[] = {{"u", 1, 0}, {"v", 1, 0}};
 
 void setUp(void) {
     reader = NULL;
@@ -138,7 +138,7 @@ static void test_quotes_and_spaces(void) {
 }
 
 static void test_names_with_quotes_and_commas(void) {
-    const char *const columns[] = {"a \"b\", c", "d e"};
+    const tl_csv_column columns[] = {{"a \"b\", c", 1, 0}, {"d e", 1, 0}};
     const tl_csv_settings settings = {.path = path, .time_column = "t [s]", .columns = columns, .column_count = 2};
     const char text[] = "t [s],\"a \"\"b\"\", c\",d e\n0,1,2\n";
     put(text, sizeof text - 1);
@@ -146,8 +146,35 @@ static void test_names_with_quotes_and_commas(void) {
     expect_row(0, 1, 2);
 }
 
+static void test_scales(void) {
+    const tl_csv_column columns[] = {{"u", -0.5, 3}, {"u", 1, 0}};
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = columns, .column_count = 2};
+    static const char text[] = "time,u\n0,4\n1,-0\n2,\n3,x\n";
+    put(text, sizeof text - 1);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open(&settings, &reader, &error));
+    expect_row(0, 1, 4);
+    expect_row(TL_SECOND, 3, -0.0);
+    TEST_ASSERT_TRUE(signbit(row.values[1]));
+    next();
+    TEST_ASSERT_FALSE(row.present[0]);
+    next();
+    TEST_ASSERT_EQUAL_INT(TL_NOT_A_NUMBER, row.quality[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0, row.values[0]);
+}
+
+static void test_a_scaled_value_that_is_not_finite(void) {
+    const tl_csv_column columns[] = {{"u", 1e300, 0}, {"u", 1, 0}};
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = columns, .column_count = 2};
+    put("time,u\n0,1e300\n", 15);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open(&settings, &reader, &error));
+    next();
+    TEST_ASSERT_EQUAL_INT(TL_NOT_A_NUMBER, row.quality[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0, row.values[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(1e300, row.values[1]);
+}
+
 static void test_one_column_for_two_channels(void) {
-    const char *const columns[] = {"u", "u"};
+    const tl_csv_column columns[] = {{"u", 1, 0}, {"u", 1, 0}};
     const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = columns, .column_count = 2};
     put("time,u\n0,5\n", 11);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open(&settings, &reader, &error));
@@ -469,11 +496,11 @@ static void test_lines_after_one_that_is_too_long(void) {
 }
 
 static void test_too_many_columns(void) {
-    const char *columns[TL_MAX_SIGNALS + 1];
+    tl_csv_column columns[TL_MAX_SIGNALS + 1];
     const tl_csv_settings settings = {
         .path = path, .time_column = "time", .columns = columns, .column_count = TL_MAX_SIGNALS + 1};
     for (size_t i = 0; i <= TL_MAX_SIGNALS; i++) {
-        columns[i] = "u";
+        columns[i] = (tl_csv_column){"u", 1, 0};
     }
     put("time,u\n", 7);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_csv_open(&settings, &reader, &error));
@@ -529,6 +556,8 @@ int main(void) {
     RUN_TEST(test_crlf_mark_blanks_and_no_last_line_end);
     RUN_TEST(test_quotes_and_spaces);
     RUN_TEST(test_names_with_quotes_and_commas);
+    RUN_TEST(test_scales);
+    RUN_TEST(test_a_scaled_value_that_is_not_finite);
     RUN_TEST(test_one_column_for_two_channels);
     RUN_TEST(test_time_alone);
     RUN_TEST(test_empty_cells_are_no_news);

@@ -39,7 +39,7 @@ static void on_post(void *context, size_t channel, const tl_reading *reading) {
 }
 
 void setUp(void) {
-    const char *const columns[] = {"u", "v"};
+    const tl_csv_column columns[] = {{"u", 1, 0}, {"v", 1, 0}};
     const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = columns, .column_count = 2};
     tl_probe_begin(&probe, &tl_csv_driver);
     probe.sink.post = on_post;
@@ -379,11 +379,11 @@ static void test_a_device_is_not_even_opened(void) {
 }
 
 static void test_too_many_columns(void) {
-    const char *columns[TL_MAX_SIGNALS + 1];
+    tl_csv_column columns[TL_MAX_SIGNALS + 1];
     const tl_csv_settings settings = {
         .path = path, .time_column = "time", .columns = columns, .column_count = TL_MAX_SIGNALS + 1};
     for (size_t i = 0; i <= TL_MAX_SIGNALS; i++) {
-        columns[i] = "u";
+        columns[i] = (tl_csv_column){"u", 1, 0};
     }
     tl_plant_io *none = NULL;
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_csv_open_live(&settings, &none, &probe.error));

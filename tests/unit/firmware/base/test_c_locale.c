@@ -85,7 +85,7 @@ static void on_link(void *context, const char *source, bool up, const char *text
 
 /* With a decimal comma, the thread of a source could read no number of its CSV file. */
 static void test_a_live_source(void) {
-    static const char *const columns[] = {"u"};
+    static const tl_csv_column columns[] = {{"u", 1, 0}};
     static tl_sample_buffer_slot slots[1];
     static uint64_t posts;
     static tl_plant_input input = {.count = 1, .buffers = {{.slots = slots, .count = &posts, .depth = 1}}};

@@ -66,7 +66,8 @@ static void take_rows(void) {
 static void open_text(const char *text) {
     static const char configuration[] =
         "{ \"twinlock\": 1, \"name\": \"x\", \"step_s\": 0.01, \"components\": { \"m\": { \"fmu\": \"m.fmu\" } },\n"
-        "  \"plant\": { \"a\": {}, \"b\": { \"csv\": { \"column\": \"B\" } } } }";
+        "  \"plant\": { \"a\": {}, \"b\": { \"csv\": { \"column\": \"B\" } },"
+        "  \"c\": { \"csv\": { \"column\": \"B\", \"scale\": 2, \"offset\": -1 } } } }";
     tl_report report = {0};
     expect_ok(tl_config_read_text("config.json", configuration, strlen(configuration), &config, &report));
     const char *path = tl_scratch_path(&scratch, "rows.csv");
@@ -78,7 +79,7 @@ static void open_text(const char *text) {
 
 static void test_rows_of_a_recording(void) {
     open_text("time,B,a\n50.5,1,2\n50.6,3,\n52.5,n/a,6\n");
-    TEST_ASSERT_EQUAL_size_t(2, tl_emulation_column_count(emulation));
+    TEST_ASSERT_EQUAL_size_t(3, tl_emulation_column_count(emulation));
     TEST_ASSERT_EQUAL_STRING("a", tl_emulation_column(emulation, 0));
     TEST_ASSERT_EQUAL_STRING("B", tl_emulation_column(emulation, 1));
     take_rows();
@@ -88,6 +89,8 @@ static void test_rows_of_a_recording(void) {
     TEST_ASSERT_EQUAL_INT64(2 * TL_SECOND, rows[2].time);
     TEST_ASSERT_EQUAL_DOUBLE(2, rows[0].values[0]);
     TEST_ASSERT_EQUAL_DOUBLE(1, rows[0].values[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(1, rows[0].values[2]);
+    TEST_ASSERT_EQUAL_DOUBLE(5, rows[1].values[2]);
     TEST_ASSERT_TRUE(rows[0].present[0] && rows[0].present[1] && rows[1].present[1] && rows[2].present[0]);
     TEST_ASSERT_FALSE(rows[1].present[0]); /* an empty cell */
     TEST_ASSERT_FALSE(rows[2].present[1]); /* not a number */

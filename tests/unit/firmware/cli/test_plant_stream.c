@@ -25,6 +25,7 @@ static int reader;
 static tl_error error;
 
 static const char *const UV[] = {"u", "v"};
+static const tl_csv_column CELLS[] = {{"u", 1, 0}, {"v", 1, 0}};
 
 void setUp(void) {
     stream = NULL;
@@ -141,7 +142,7 @@ static void test_names_that_need_quotes(void) {
 
 /* Numbers are written and read without loss: the same bits. */
 static void test_numbers_come_back(void) {
-    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = UV, .column_count = 2};
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = CELLS, .column_count = 2};
     const double values[] = {0.1, -1.0 / 3.0, 5e-324, 1.7976931348623157e308, -0.0, 123456789.123456789};
     const tl_time times[] = {INT64_C(-4500000000123456789), -1, 0, 1, 999999999, INT64_C(1234567123456789)};
     tl_csv_reader *csv = NULL;
@@ -384,7 +385,7 @@ static void on_link(void *context, bool up, const char *text) {
 }
 
 static void test_the_live_driver_reads_it(void) {
-    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = UV, .column_count = 1};
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = CELLS, .column_count = 1};
     const tl_plant_io_sink sink = {.post = on_post, .link = on_link};
     tl_plant_io *io = NULL;
     expect_open(true, UV, 2);

@@ -326,6 +326,10 @@ static void test_a_signal_without_keys(void) {
     TEST_ASSERT_TRUE(isinf(current->maximum) && current->maximum > 0);
     TEST_ASSERT_EQUAL_DOUBLE(0, current->stale_s);
     TEST_ASSERT_EQUAL_STRING("current", current->column);
+    TEST_ASSERT_EQUAL_DOUBLE(1, current->scale);
+    TEST_ASSERT_EQUAL_DOUBLE(0, current->offset);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, config->signals[5].scale);
+    TEST_ASSERT_EQUAL_DOUBLE(2, config->signals[5].offset);
     TEST_ASSERT_EQUAL_size_t(SIZE_MAX, current->source);
 }
 

@@ -180,6 +180,12 @@ static void test_signals(void) {
         {"\"csv\": { \"column\": \"M_w\" }", "\"csv\": { \"columns\": \"M_w\" }", "plant.torque.csv.columns",
          "unknown|\"columns\"|\"column\"", NULL},
         {"\"column\": \"M_w\"", "\"column\": 1", "plant.torque.csv.column", "1|\"omega\"", NULL},
+        {"\"scale\": 0.5", "\"scale\": 0", "plant.level.csv.scale", "0|other than 0", NULL},
+        {"\"offset\": 2", "\"offset\": \"2\"", "plant.level.csv.offset", "\"2\"|number", NULL},
+        {"\"type\": \"boolean\", \"initial\": true", "\"type\": \"boolean\", \"csv\": { \"scale\": 2 }",
+         "plant.running.csv.scale", "2|none|boolean", NULL},
+        {"\"type\": \"boolean\", \"initial\": true", "\"type\": \"boolean\", \"csv\": { \"offset\": 1 }",
+         "plant.running.csv.offset", "1|none|boolean", NULL},
     };
     EXPECT_EACH(full, changes);
 }
