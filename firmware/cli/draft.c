@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "firmware/base/json.h"
+#include "firmware/fmu/common_units.h"
 
 /* ---- names ---- */
 
@@ -574,6 +575,35 @@ static const char *signal_unit(const tl_draft *draft, const tl_draft_signal *sig
     return unit[0] != '\0' ? unit : signal->unit;
 }
 
+/* Finds how the column's values become values in the FMU's unit, if the recording states another
+ * one. Returns false if there is no such unit, or it is unknown. */
+static bool find_conversion(const tl_draft *draft, const tl_draft_signal *signal, tl_conversion *conversion) {
+    const tl_draft_port *port = signal->port != SIZE_MAX ? &draft->ports[signal->port] : NULL;
+    const tl_unit *unit = port != NULL ? port->variable->unit : NULL;
+    return unit != NULL && signal->unit[0] != '\0' && strcmp(signal->unit, unit->name) != 0 &&
+           tl_common_units_convert(draft->fmus[port->fmu].model, signal->unit, unit, conversion);
+}
+
+static void write_column(const tl_draft *draft, const tl_draft_signal *signal, tl_json_writer *writer) {
+    tl_conversion conversion = {.factor = 1.0};
+    const bool is_named = signal->column[0] != '\0' && strcmp(signal->column, signal->name) != 0;
+    (void)find_conversion(draft, signal, &conversion);
+    if (!is_named && tl_conversion_is_identity(&conversion)) {
+        return;
+    }
+    tl_json_open_object(writer, "csv");
+    if (is_named) {
+        tl_json_add_text(writer, "column", signal->column);
+    }
+    if (conversion.factor != 1.0) {
+        tl_json_add_number(writer, "scale", conversion.factor);
+    }
+    if (conversion.offset != 0.0) {
+        tl_json_add_number(writer, "offset", conversion.offset);
+    }
+    tl_json_close(writer);
+}
+
 static void write_signal(const tl_draft *draft, tl_draft_kind kind, size_t index, tl_json_writer *writer) {
     const tl_draft_signal *signal = &draft->signals[index];
     const tl_type type = type_of(draft, signal);
@@ -591,11 +621,7 @@ static void write_signal(const tl_draft *draft, tl_draft_kind kind, size_t index
     if (kind == TL_DRAFT_TRIED && type == TL_REAL && isfinite(signal->middle)) {
         tl_json_add_number(writer, "initial", signal->middle);
     }
-    if (signal->column[0] != '\0' && strcmp(signal->column, signal->name) != 0) {
-        tl_json_open_object(writer, "csv");
-        tl_json_add_text(writer, "column", signal->column);
-        tl_json_close(writer);
-    }
+    write_column(draft, signal, writer);
     if (draft->host != NULL) {
         write_modbus(type, index, writer);
     }
@@ -713,6 +739,27 @@ static void ask(tl_json_writer *writer, const char *key, const char *format, ...
     tl_json_add_text(writer, key, text);
 }
 
+static void ask_for_unit(const tl_draft *draft, const tl_draft_signal *signal, tl_json_writer *writer) {
+    const char *unit = signal_unit(draft, signal);
+    tl_conversion conversion;
+    char key[TL_DRAFT_PATH];
+    char offset[32] = "";
+    if (signal->unit[0] == '\0' || strcmp(signal->unit, unit) == 0) {
+        return;
+    }
+    if (!find_conversion(draft, signal, &conversion)) {
+        (void)snprintf(key, sizeof key, "plant.%s.unit", signal->name);
+        ask(writer, key, "the FMU has %.40s, the recording %.40s: set scale and offset in csv", unit, signal->unit);
+    } else if (!tl_conversion_is_identity(&conversion)) {
+        (void)snprintf(key, sizeof key, "plant.%s.csv", signal->name);
+        if (conversion.offset != 0.0) {
+            (void)snprintf(offset, sizeof offset, ", offset %.6g", conversion.offset);
+        }
+        ask(writer, key, "%.40s -> %.40s: %.6g%s; correct it if it is wrong", signal->unit, unit, conversion.factor,
+            offset);
+    }
+}
+
 static void ask_signal(const tl_draft *draft, const tl_draft_signal *signal, tl_json_writer *writer) {
     const tl_variable *variable = signal->port != SIZE_MAX ? draft->ports[signal->port].variable : NULL;
     const char *unit = signal_unit(draft, signal);
@@ -729,9 +776,8 @@ static void ask_signal(const tl_draft *draft, const tl_draft_signal *signal, tl_
     if (variable == NULL) {
         (void)snprintf(key, sizeof key, "plant.%s", signal->name);
         ask(writer, key, "connect it to an input, match an output with it, or remove it");
-    } else if (signal->unit[0] != '\0' && strcmp(signal->unit, unit) != 0) {
-        (void)snprintf(key, sizeof key, "plant.%s.unit", signal->name);
-        ask(writer, key, "the FMU has %.40s, the recording %.40s: convert the recording", unit, signal->unit);
+    } else {
+        ask_for_unit(draft, signal, writer);
     }
 }
 

@@ -1,4 +1,4 @@
-/* Graph of components and connections, with units.
+/* Graph of components and connections.
  *
  * Thread:  one thread at a time uses a graph.
  */
@@ -12,25 +12,8 @@
 #include "master/base/status.h"
 #include "master/fmi/component.h"
 #include "master/fmi/model.h"
+#include "master/fmi/units.h"
 #include "master/plan/plan.h"
-
-/* ---- Units of two connected values: equal, convertible, or wrong.
- *
- * Source: FMI 2.0.4, section 2.2.2 (value in base units = factor·value + offset).
- */
-
-/* to_value = factor·from_value + offset. */
-typedef struct tl_conversion {
-    double factor;
-    double offset;
-} tl_conversion;
-
-/* Computes the conversion from one unit to another. Returns false if the dimensions differ, or if
- * the names differ and a unit has no base unit. A unit that is NULL or has no name fits every
- * unit. */
-bool tl_units_convert(const tl_unit *from, const tl_unit *to, tl_conversion *conversion);
-
-bool tl_conversion_is_identity(const tl_conversion *conversion);
 
 /* ---- Structure of the co-simulation: components, exchanged ports, connections, distances.
  *

@@ -2,6 +2,7 @@
 """`twinlock init`: a first configuration, which passes `check` and locks onto a recording."""
 import contextlib
 import json
+import math
 import signal
 import subprocess
 
@@ -79,9 +80,49 @@ def test_a_word_of_a_description():
     expect("connect motor.M_w" in document["fill_in"], f"to fill in: {document['fill_in']}")
 
 
+def scaled_recording(header, column, factor):
+    """The motor's recording with another header and one column in another unit."""
+    lines = RECORDING.read_text(encoding="utf-8").splitlines()
+    at = lines[0].split(",").index(column)
+    rows = [line.split(",") for line in lines[1:]]
+    for row in rows:
+        row[at] = repr(float(row[at]) / factor)
+    path = scratch() / "own.csv"
+    path.write_text("\n".join([header, *[",".join(row) for row in rows], ""]), encoding="utf-8")
+    return path
+
+
+def test_another_unit_is_converted():
+    """Tolerances are estimated in the FMU's unit, and the twin locks without an edit."""
+    rpm = math.pi / 30
+    header = RECORDING.read_text(encoding="utf-8").splitlines()[0]
+    names = header.replace("omega", "omega [rpm]").replace("M_brake", "M_w")
+    document, path, out = init("drive.fmu", "motor.fmu", "--recording", scaled_recording(names, "omega", rpm), "--step",
+                               "0.01")
+    csv = document["plant"]["omega"]["csv"]
+    expect(csv["column"] == "omega [rpm]" and math.isclose(csv["scale"], rpm) and "offset" not in csv, f"csv: {csv}")
+    expect(document["plant"]["omega"]["unit"] == "rad/s", f"unit: {document['plant']['omega']}")
+    expect_line(out, "plant.omega.csv|rpm -> rad/s: 0.10472;")
+    expect("plant.omega.unit" not in document["fill_in"], f"to fill in: {document['fill_in']}")
+    plain, _, _ = init("drive.fmu", "motor.fmu", "--recording", recording(("M_brake", "M_w")), "--step", "0.01")
+    tolerance = [one["synchronise"]["match"]["motor.omega"]["tolerance"] for one in (document, plain)]
+    expect(math.isclose(*tolerance, rel_tol=0.01), f"tolerances: {tolerance}")
+    summary = replay_json(path)
+    expect(summary["lock"]["percent"] > 99, f"in lock: {summary['lock']['percent']} %")
+
+
+def test_one_unit_with_two_names_needs_no_scale():
+    document, _, _ = init("motor.fmu", "--recording", recording(("M_brake", "M_w [Nm]")))
+    expect(document["plant"]["M_w"]["csv"] == {"column": "M_w [Nm]"}, f"plant: {document['plant']['M_w']}")
+    expect(not any(key.startswith("plant.M_w") for key in document["fill_in"]), f"to fill in: {document['fill_in']}")
+
+
 def test_another_unit_is_to_fill_in():
-    document, _, _ = init("motor.fmu", "--recording", recording(("omega", "omega [rpm]"), ("M_brake", "M_w")))
-    expect("plant.omega.unit" in document["fill_in"], f"to fill in: {document['fill_in']}")
+    """Neither an unknown unit nor one of another dimension is converted."""
+    for unit in ("furlong/h", "bar"):
+        document, _, _ = init("motor.fmu", "--recording", recording(("omega", f"omega [{unit}]"), ("M_brake", "M_w")))
+        expect("plant.omega.unit" in document["fill_in"], f"to fill in: {document['fill_in']}")
+        expect("scale" not in document["plant"]["omega"]["csv"], f"plant: {document['plant']['omega']}")
 
 
 def test_the_last_signal_and_the_last_input():

@@ -1,7 +1,7 @@
 /* Units: same, convertible, or wrong. */
 #include <unity.h>
 
-#include "master/graph/graph.h"
+#include "master/fmi/units.h"
 
 static const tl_unit kelvin = {"K", true, {0, 0, 0, 0, 1}, 1.0, 0.0};
 static const tl_unit celsius = {"degC", true, {0, 0, 0, 0, 1}, 1.0, 273.15};
