@@ -141,27 +141,24 @@ static void post(const tl_plant_io_sink *sink, const tl_can_entry *entry, const 
 static void note_length(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_id *id, const tl_can_frame *frame,
                         size_t needed) {
     char text[TEXT];
+    char name[32];
     bool too_short = frame->length < needed;
     if (id->too_short != too_short) {
         id->too_short = too_short;
-        (void)snprintf(
-            text, sizeof text, "frames of id 0x%" PRIX32 " have %u bytes, %s", id->id, (unsigned)frame->length,
-            too_short ? "too few for their signals: correct bytes or start" : "enough for their signals again");
+        if (id->is_pgn) {
+            (void)snprintf(name, sizeof name, "PGN %" PRIu32, id->id >> 8 & 0x3FFFF);
+        } else {
+            (void)snprintf(name, sizeof name, "id 0x%" PRIX32, id->id);
+        }
+        (void)snprintf(text, sizeof text, "frames of %s have %u bytes, %s", name, (unsigned)frame->length,
+                       too_short ? "too few for their signals: correct bytes or start"
+                                 : "enough for their signals again");
         tl_link_report(&io->state, sink, !too_short, io->name, text);
     }
 }
 
-static void handle_data(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_can_frame *frame) {
-    tl_can_id *id = tl_can_map_find(&io->map, frame->id, frame->extended);
+static void post_signals(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_id *id, const tl_can_frame *frame) {
     size_t needed = 0;
-    if (id == NULL) {
-        return;
-    }
-    io->bus_off = false;
-    if (!tl_link_is_up(&io->state)) {
-        tl_backoff_reset(&io->backoff); /* the interface works if frames come */
-        open_and_check(io, sink);
-    }
     for (size_t i = id->first; i < id->first + id->entries; i++) {
         const tl_can_entry *entry = &io->map.entries[i];
         if (tl_can_is_present(&entry->channel, frame->data)) {
@@ -170,6 +167,21 @@ static void handle_data(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_
         }
     }
     note_length(io, sink, id, frame, needed);
+}
+
+static void handle_data(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_can_frame *frame) {
+    tl_can_id *id = tl_can_map_find(&io->map, NULL, frame->id, frame->extended);
+    if (id == NULL) {
+        return;
+    }
+    io->bus_off = false;
+    if (!tl_link_is_up(&io->state)) {
+        tl_backoff_reset(&io->backoff); /* the interface works if frames come */
+        open_and_check(io, sink);
+    }
+    for (; id != NULL; id = tl_can_map_find(&io->map, id, frame->id, frame->extended)) {
+        post_signals(io, sink, id, frame);
+    }
 }
 
 static void handle_health(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_health health) {

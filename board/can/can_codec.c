@@ -28,6 +28,24 @@ bool tl_can_is_length(unsigned bytes) {
     return found;
 }
 
+bool tl_can_pgn_is_addressed(uint32_t pgn) {
+    return (pgn & 0xFF00) < 0xF000;
+}
+
+uint32_t tl_can_pgn_id(uint32_t pgn, uint8_t source) {
+    const uint32_t to_all = tl_can_pgn_is_addressed(pgn) ? 0xFF : 0;
+    return UINT32_C(6) << 26 | (pgn | to_all) << 8 | source;
+}
+
+/* The bits of an id that choose the channel. */
+static uint32_t mask_of_channel(const tl_can_channel *channel) {
+    if (channel->match == TL_CAN_BY_ID) {
+        return UINT32_MAX;
+    }
+    const uint32_t pgn = tl_can_pgn_is_addressed(channel->id >> 8) ? 0x3FF0000 : 0x3FFFF00;
+    return pgn | (channel->match == TL_CAN_BY_PGN_AND_SOURCE ? 0xFF : 0);
+}
+
 /* Number of bits before the most significant one of a Motorola field, in the order of transmission.
  */
 static unsigned sent_before(const tl_can_field *field) {
@@ -107,6 +125,13 @@ bool tl_can_is_present(const tl_can_channel *channel, const uint8_t *data) {
     return true;
 }
 
+/* "Error" is 0xFE, "not available" 0xFF in the most significant byte; of a field below 8 bits, the
+ * last two values. */
+static bool is_not_available(const tl_can_channel *channel, uint64_t bits) {
+    const unsigned length = channel->field.length;
+    return channel->not_available && (length < 8 ? bits >= mask_of(length) - 1 : bits >> (length - 8) >= 0xFE);
+}
+
 bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *value) {
     uint64_t bits = tl_can_read_bits(&channel->field, data);
     double raw = 0;
@@ -125,7 +150,7 @@ bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *v
         break;
     }
     *value = raw * channel->scale + channel->offset;
-    if (!isfinite(*value)) {
+    if (!isfinite(*value) || is_not_available(channel, bits)) {
         *value = 0;
         return false;
     }
@@ -177,39 +202,36 @@ void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data) {
     }
 }
 
-/* ---- Groups CAN channels by id: sorted, then one entry per run of equal ids. */
+/* ---- Groups CAN channels by id and mask: sorted, then one entry per run of equal ones. */
 
-/* Standard ids before extended ones, each by number. */
-static int compare_ids(uint32_t left, bool left_extended, uint32_t right, bool right_extended) {
-    if (left_extended != right_extended) {
-        return left_extended ? 1 : -1;
-    }
-    return left < right ? -1 : left > right;
-}
-
+/* Standard ids before extended ones, each by mask and number. */
 static int compare_entries(const void *a, const void *b) {
     const tl_can_entry *left = a;
     const tl_can_entry *right = b;
-    int order = compare_ids(left->channel.id, left->channel.extended, right->channel.id, right->channel.extended);
-    if (order == 0) {
-        order = left->index < right->index ? -1 : 1; /* qsort may change the order of equal elements */
+    if (left->channel.extended != right->channel.extended) {
+        return left->channel.extended ? 1 : -1;
     }
-    return order;
-}
-
-static int compare_found_ids(const void *a, const void *b) {
-    const tl_can_id *left = a;
-    const tl_can_id *right = b;
-    return compare_ids(left->id, left->extended, right->id, right->extended);
+    if (left->mask != right->mask) {
+        return left->mask < right->mask ? -1 : 1;
+    }
+    if (left->id != right->id) {
+        return left->id < right->id ? -1 : 1;
+    }
+    return left->index < right->index ? -1 : 1; /* qsort may change the order of equal elements */
 }
 
 static void group(tl_can_map *map) {
     for (size_t i = 0; i < map->entry_count; i++) {
-        const tl_can_channel *channel = &map->entries[i].channel;
+        const tl_can_entry *entry = &map->entries[i];
+        const tl_can_channel *channel = &entry->channel;
         tl_can_id *last = map->id_count > 0 ? &map->ids[map->id_count - 1] : NULL;
-        if (last == NULL || last->id != channel->id || last->extended != channel->extended) {
+        if (last == NULL || last->id != entry->id || last->mask != entry->mask || last->extended != channel->extended) {
             last = &map->ids[map->id_count];
-            *last = (tl_can_id){.id = channel->id, .extended = channel->extended, .first = i};
+            *last = (tl_can_id){.id = entry->id,
+                                .mask = entry->mask,
+                                .extended = channel->extended,
+                                .is_pgn = channel->match != TL_CAN_BY_ID,
+                                .first = i};
             map->id_count++;
         }
         last->entries++;
@@ -225,6 +247,8 @@ bool tl_can_map_make(tl_can_map *map, const tl_can_channel *channels, size_t cou
     }
     for (size_t i = 0; i < count; i++) {
         map->entries[i].channel = channels[i];
+        map->entries[i].mask = mask_of_channel(&channels[i]);
+        map->entries[i].id = channels[i].id & map->entries[i].mask;
         map->entries[i].index = i;
         map->entries[i].bytes = tl_can_channel_bytes(&channels[i]);
     }
@@ -234,9 +258,14 @@ bool tl_can_map_make(tl_can_map *map, const tl_can_channel *channels, size_t cou
     return true;
 }
 
-tl_can_id *tl_can_map_find(const tl_can_map *map, uint32_t id, bool extended) {
-    const tl_can_id wanted = {.id = id, .extended = extended};
-    return bsearch(&wanted, map->ids, map->id_count, sizeof *map->ids, compare_found_ids);
+tl_can_id *tl_can_map_find(const tl_can_map *map, const tl_can_id *previous, uint32_t id, bool extended) {
+    for (size_t i = previous != NULL ? (size_t)(previous - map->ids) + 1 : 0; i < map->id_count; i++) {
+        tl_can_id *at = &map->ids[i];
+        if (at->extended == extended && (id & at->mask) == at->id) {
+            return at;
+        }
+    }
+    return NULL;
 }
 
 void tl_can_map_release(tl_can_map *map) {

@@ -18,7 +18,8 @@
  *          downwards in the byte, then from bit 7 of the next byte.
  * Values:  value = raw·scale + offset, in the signal's unit. raw has at most 64 bits; as a double
  *          it is exact up to 2^53.
- * Source:  DBC file format (start bits, byte order, multiplexing); ISO 11898-1 (lengths of frames).
+ * Source:  DBC file format (start bits, byte order, multiplexing); ISO 11898-1 (lengths of frames);
+ *          SAE J1939-71, table 1 (values that are not available).
  */
 
 enum {
@@ -29,6 +30,11 @@ enum {
 };
 
 typedef enum tl_can_order { TL_CAN_INTEL, TL_CAN_MOTOROLA } tl_can_order;
+
+/* How frames are chosen: by the whole id, or by the parameter group number (PGN) of SAE J1939, from
+ * any sender or one. The PGN excludes priority and source address, and below 0xF000 in its lower 16
+ * bits (PDU1) also the destination address. */
+typedef enum tl_can_match { TL_CAN_BY_ID, TL_CAN_BY_PGN, TL_CAN_BY_PGN_AND_SOURCE } tl_can_match;
 
 typedef enum tl_can_type { TL_CAN_UNSIGNED, TL_CAN_SIGNED, TL_CAN_FLOAT32, TL_CAN_FLOAT64 } tl_can_type;
 
@@ -48,17 +54,25 @@ typedef struct tl_can_condition {
 
 /* Position and meaning of one signal on the bus. */
 typedef struct tl_can_channel {
-    uint32_t id; /* 11 bits; 29 bits if extended */
+    uint32_t id; /* 11 bits; 29 bits if extended. By PGN: what the emulated plant sends */
     bool extended;
-    bool fd;       /* the emulated plant sends CAN FD frames; the driver accepts both formats */
-    uint8_t bytes; /* data bytes of the whole frame, see tl_can_is_length() */
+    tl_can_match match; /* by PGN: extended */
+    bool fd;            /* the emulated plant sends CAN FD frames; the driver accepts both formats */
+    uint8_t bytes;      /* data bytes of the whole frame, see tl_can_is_length() */
     tl_can_field field;
     tl_can_type type; /* a float's field has 32 or 64 bits */
     double scale;     /* not 0 */
     double offset;
+    bool not_available; /* "error" and "not available" of J1939 are invalid; unsigned, 2 bits or more */
     tl_can_condition conditions[TL_CAN_CONDITIONS]; /* all must be true; none: the signal is always present */
     size_t condition_count;
 } tl_can_channel;
+
+/* The id of a J1939 frame with priority 6; PDU1: to all (SAE J1939-21). `pgn`: 18 bits. */
+uint32_t tl_can_pgn_id(uint32_t pgn, uint8_t source);
+
+/* True if the PGN is of PDU1, whose last byte is 0. */
+bool tl_can_pgn_is_addressed(uint32_t pgn);
 
 /* True for a possible frame length: 0 to 8; with CAN FD also 12, 16, 20, 24, 32, 48, 64. */
 bool tl_can_is_length(unsigned bytes);
@@ -81,7 +95,7 @@ void tl_can_write_bits(const tl_can_field *field, uint64_t bits, uint8_t *data);
 bool tl_can_is_present(const tl_can_channel *channel, const uint8_t *data);
 
 /* Reads the signal's value in its unit; `data` has at least tl_can_channel_bytes(). If the value is
- * not finite, returns false and sets *value to 0. */
+ * not finite or not available, returns false and sets *value to 0. */
 bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *value);
 
 /* Writes a value to its field, and the first value of each multiplexor; `data` has at least
@@ -92,14 +106,16 @@ void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data);
 /* ---- Map from CAN ids to channels. Private to the CAN driver.
  *
  * Purpose: finds the channels of a frame by its id, and lists the ids for the kernel's filters.
- * Bound:   make O(n log n), find O(log n); only make allocates. There are never more ids than
+ * Bound:   make O(n log n), find O(n); only make allocates. There are never more ids than
  *          channels.
  */
 
 /* One id; its channels are consecutive elements of the map's array `entries`. */
 typedef struct tl_can_id {
-    uint32_t id;
+    uint32_t id; /* the bits in `mask` */
+    uint32_t mask;
     bool extended;
+    bool is_pgn;
     size_t first;   /* index of its first element in tl_can_map.entries */
     size_t entries; /* number of its elements there */
     bool too_short; /* of the driver: the last frame with this id was too short */
@@ -108,6 +124,8 @@ typedef struct tl_can_id {
 /* One channel in the map. */
 typedef struct tl_can_entry {
     tl_can_channel channel;
+    uint32_t id; /* the bits in `mask` */
+    uint32_t mask;
     size_t index; /* of the channel in the caller's list */
     size_t bytes; /* tl_can_channel_bytes() */
 } tl_can_entry;
@@ -124,9 +142,9 @@ typedef struct tl_can_map {
  * (tl_can_open() checks them). Returns false if memory is out; then the map is empty. */
 bool tl_can_map_make(tl_can_map *map, const tl_can_channel *channels, size_t count);
 
-/* Returns the element of `ids` for an id; NULL if no channel has this id. A standard and an
- * extended id with the same number are different. */
-tl_can_id *tl_can_map_find(const tl_can_map *map, uint32_t id, bool extended);
+/* Returns the next element of `ids` for an id after `previous` (NULL: the first one); NULL after
+ * the last. A standard and an extended id with the same number are different. */
+tl_can_id *tl_can_map_find(const tl_can_map *map, const tl_can_id *previous, uint32_t id, bool extended);
 
 /* Frees the content. Allowed twice. */
 void tl_can_map_release(tl_can_map *map);

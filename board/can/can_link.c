@@ -162,7 +162,7 @@ static bool set(int socket, int level, int option, int value) {
     return setsockopt(socket, level, option, &value, sizeof value) == 0;
 }
 
-/* Whole ids: no remote requests, and no extended id for a standard one. */
+/* No remote requests, and no extended id for a standard one. */
 static bool set_filters(int socket, const tl_can_map *map) {
     struct can_filter filters[CAN_RAW_FILTER_MAX];
     if (map->id_count > CAN_RAW_FILTER_MAX) {
@@ -172,7 +172,8 @@ static bool set_filters(int socket, const tl_can_map *map) {
     for (size_t i = 0; i < map->id_count; i++) {
         bool extended = map->ids[i].extended;
         filters[i].can_id = map->ids[i].id | (extended ? CAN_EFF_FLAG : 0U);
-        filters[i].can_mask = CAN_EFF_FLAG | CAN_RTR_FLAG | (extended ? CAN_EFF_MASK : CAN_SFF_MASK);
+        filters[i].can_mask =
+            CAN_EFF_FLAG | CAN_RTR_FLAG | (map->ids[i].mask & (extended ? CAN_EFF_MASK : CAN_SFF_MASK));
     }
     return setsockopt(socket, SOL_CAN_RAW, CAN_RAW_FILTER, filters, (socklen_t)(map->id_count * sizeof filters[0])) ==
            0;

@@ -47,6 +47,29 @@ static bool parse_id(const cJSON *item, double *id) {
     return true;
 }
 
+static void read_pgn(tl_config_object *object, tl_can_channel *channel) {
+    static const tl_config_number pgn_rule = {.whole = true, .maximum = 0x3FFFF, .example = "61444"};
+    static const tl_config_number source_rule = {.whole = true, .maximum = 255, .example = "0"};
+    double pgn = 0;
+    double source = 0;
+    bool extended = true;
+    if (tl_config_get_number(object, "pgn", &pgn_rule, &pgn) && tl_can_pgn_is_addressed((uint32_t)pgn) &&
+        ((uint32_t)pgn & 0xFF) != 0) {
+        tl_config_wrong(object, "pgn", NULL,
+                        "a multiple of 256 (PDU1), or one whose lower 16 bits are at least 0xF000 (PDU2)", "61444");
+    }
+    bool has_source = tl_config_get_number(object, "source_address", &source_rule, &source);
+    if (tl_config_get(object, "id", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
+        tl_config_wrong(object, "id", NULL, "either id or pgn", NULL);
+    }
+    if (tl_config_get_boolean(object, "extended", &extended) && !extended) {
+        tl_config_wrong(object, "extended", NULL, "true, because a PGN needs an id of 29 bits", NULL);
+    }
+    channel->id = tl_can_pgn_id((uint32_t)pgn, (uint8_t)source);
+    channel->extended = true;
+    channel->match = has_source ? TL_CAN_BY_PGN_AND_SOURCE : TL_CAN_BY_PGN;
+}
+
 static void read_id(tl_config_object *object, tl_can_channel *channel) {
     static const char *const expected = "an id from 0 to 0x1FFFFFFF, a whole number or a hexadecimal text";
     static const char *const example = "\"0x18FEF100\"";
@@ -118,7 +141,8 @@ static bool read_field(tl_config_object *object, size_t most, size_t length, siz
     return has_length;
 }
 
-static void read_type(tl_config_object *object, tl_can_channel *channel) {
+/* Returns false if the number of bits is unknown. */
+static bool read_type(tl_config_object *object, tl_can_channel *channel) {
     static const char *const types[] = {[TL_CAN_UNSIGNED] = "unsigned",
                                         [TL_CAN_SIGNED] = "signed",
                                         [TL_CAN_FLOAT32] = "float32",
@@ -128,7 +152,15 @@ static void read_type(tl_config_object *object, tl_can_channel *channel) {
     size_t index = TL_CAN_UNSIGNED;
     (void)tl_config_get_choice(object, "type", TL_CONFIG_OPTIONAL, types, &index);
     channel->type = (tl_can_type)index;
-    (void)read_field(object, 64, length_of[index], channel->bytes, &channel->field);
+    return read_field(object, 64, length_of[index], channel->bytes, &channel->field);
+}
+
+static void read_not_available(tl_config_object *object, bool has_length, tl_can_channel *channel) {
+    bool fits = channel->type == TL_CAN_UNSIGNED && (channel->field.length >= 2 || !has_length);
+    if (tl_config_get_boolean(object, "not_available", &channel->not_available) && channel->not_available && !fits) {
+        tl_config_wrong(object, "not_available", NULL, "false, because the signal is not unsigned with 2 bits or more",
+                        NULL);
+    }
 }
 
 /* ---- multiplexors ---- */
@@ -185,9 +217,13 @@ static void read_multiplex(tl_config_object *outer, tl_can_channel *channel) {
 static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal) {
     tl_can_channel *channel = signal->channel;
     (void)named;
-    read_id(object, channel);
+    if (tl_config_get(object, "pgn", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
+        read_pgn(object, channel);
+    } else {
+        read_id(object, channel);
+    }
     read_frame(object, channel);
-    read_type(object, channel);
+    read_not_available(object, read_type(object, channel), channel);
     tl_config_get_scale(object, &channel->scale, &channel->offset);
     read_multiplex(object, channel);
 }

@@ -84,7 +84,7 @@ bool tl_can_link_make(tl_can_link *link, const char *interface) {
 bool tl_can_link_open(tl_can_link *link, const tl_can_map *map, char *cause, size_t cause_size) {
     tl_fuzz_hold(link->socket < 0 && map->id_count <= map->entry_count);
     for (size_t i = 0; i < map->id_count; i++) {
-        tl_fuzz_hold(tl_can_map_find(map, map->ids[i].id, map->ids[i].extended) == &map->ids[i]);
+        tl_fuzz_hold(tl_can_map_find(map, NULL, map->ids[i].id, map->ids[i].extended) == &map->ids[i]);
     }
     link->socket = tl_fuzz_take() % 8 == 7 ? -1 : 100;
     (void)strncpy(cause, "there is no such interface", cause_size);

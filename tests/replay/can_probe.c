@@ -33,6 +33,18 @@ static int byte_at(const char *text) {
     return end == pair + 2 ? (int)byte : -1;
 }
 
+static void print_signal(const tl_can_entry *entry, const uint8_t *data, size_t length) {
+    double value = 0;
+    if (length < entry->bytes || !tl_can_is_present(&entry->channel, data)) {
+        return;
+    }
+    if (tl_can_decode(&entry->channel, data, &value)) {
+        (void)printf("%s=%.17g ", config.signals[entry->index].plan.name, value);
+    } else {
+        (void)printf("%s=nan ", config.signals[entry->index].plan.name);
+    }
+}
+
 static int decode_line(const char *line) {
     char *at = NULL;
     uint8_t data[TL_CAN_BYTES] = {0};
@@ -45,17 +57,10 @@ static int decode_line(const char *line) {
     for (at++; length < TL_CAN_BYTES && byte_at(at) >= 0; at += 2) {
         data[length++] = (uint8_t)byte_at(at);
     }
-    const tl_can_id *found = tl_can_map_find(&map, id, extended != 0);
-    for (size_t i = 0; found != NULL && i < found->entries; i++) {
-        const tl_can_entry *entry = &map.entries[found->first + i];
-        double value = 0;
-        if (length < entry->bytes || !tl_can_is_present(&entry->channel, data)) {
-            continue;
-        }
-        if (tl_can_decode(&entry->channel, data, &value)) {
-            (void)printf("%s=%.17g ", config.signals[entry->index].plan.name, value);
-        } else {
-            (void)printf("%s=nan ", config.signals[entry->index].plan.name);
+    const tl_can_id *found = NULL;
+    while ((found = tl_can_map_find(&map, found, id, extended != 0)) != NULL) {
+        for (size_t i = found->first; i < found->first + found->entries; i++) {
+            print_signal(&map.entries[i], data, length);
         }
     }
     (void)printf("\n");

@@ -168,7 +168,7 @@ def multiplex_holds(outer, bytes_, level=1):
 def can_holds(can):
     if can is None:
         return True
-    number = int(can["id"], 16) if isinstance(can["id"], str) else can["id"]
+    number = 2**28 if "pgn" in can else int(can["id"], 16) if isinstance(can["id"], str) else can["id"]
     bytes_ = can.get("bytes", 8)
     length = {"float32": 32, "float64": 64}.get(can.get("type"), can.get("length"))
     return (can.get("extended", True) or number <= 0x7FF) and (can.get("fd", True) or bytes_ <= 8) and \

@@ -111,6 +111,25 @@ def test_kinds_of_frames():
     check_replay(config, database, rows)
 
 
+def test_j1939():
+    """A PGN from any source, and one from one source to any destination."""
+    speed = {"source": "bus", "pgn": 0xF004, "start": 24, "length": 16, "not_available": True}
+    request = {"source": "bus", "pgn": 0xEA00, "source_address": 3, "start": 0, "length": 8}
+    config, database = live_config(plant={"speed": {"can": speed}, "request": {"can": request}})
+    with Motor(OMEGA) as motor, Program("run", config, "--json") as live:
+        live.wait_for(UP)
+        for source in (0x17, 0x21):
+            motor.send(0x0CF00400 | source | EXTENDED, struct.pack("<3xH3x", 1000 + source))
+            wait_for_value(live, database, "speed", 1000 + source)
+        motor.send(0x18EA2103 | EXTENDED, bytes((7,) * 8))
+        motor.send(0x18EA2104 | EXTENDED, bytes((9,) * 8))
+        motor.send(0x18F00400 | EXTENDED, bytes((255,) * 8))
+        wait_for_quality(live, database, "speed", NOT_A_NUMBER)
+        wait_for_value(live, database, "request", 7)
+        told, _ = end_well(live, signal.SIGTERM)
+    check_replay(config, database, check_summary(told, database))
+
+
 def test_plant_sends_every_kind():
     """The driver reads the frames that the emulated plant sends through the kernel."""
     names = [name for name in KINDS if name != "small_fd"]

@@ -91,6 +91,38 @@ static void test_bytes_needed_with_multiplexors(void) {
     TEST_ASSERT_EQUAL_size_t(7, tl_can_channel_bytes(&channel));
 }
 
+static void expect_available(uint16_t length, uint64_t bits, bool is_available) {
+    tl_can_channel channel = channel_of(TL_CAN_INTEL, 0, length, TL_CAN_UNSIGNED);
+    double value = 77;
+    channel.offset = 1;
+    channel.not_available = true;
+    setUp();
+    tl_can_write_bits(&channel.field, bits, data);
+    TEST_ASSERT_EQUAL(is_available, tl_can_decode(&channel, data, &value));
+    TEST_ASSERT_EQUAL_DOUBLE(is_available ? (double)bits + 1 : 0, value);
+    channel.not_available = false;
+    TEST_ASSERT_TRUE(tl_can_decode(&channel, data, &value));
+    TEST_ASSERT_EQUAL_DOUBLE((double)bits + 1, value);
+}
+
+/* SAE J1939-71, table 1, and the discrete values of table 2. */
+static void test_values_that_are_not_available(void) {
+    expect_available(2, 1, true);
+    expect_available(2, 2, false);
+    expect_available(2, 3, false);
+    expect_available(4, 13, true);
+    expect_available(4, 15, false);
+    expect_available(8, 0xFD, true);
+    expect_available(8, 0xFE, false);
+    expect_available(8, 0xFF, false);
+    expect_available(16, 0xFDFF, true);
+    expect_available(16, 0xFE00, false);
+    expect_available(16, 0xFFFF, false);
+    expect_available(32, 0xFDFFFFFF, true);
+    expect_available(32, 0xFE000000, false);
+    expect_available(64, UINT64_MAX, false);
+}
+
 static void test_lengths(void) {
     static const unsigned right[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
     size_t count = 0;
@@ -208,6 +240,7 @@ int main(void) {
     RUN_TEST(test_places);
     RUN_TEST(test_bytes_needed);
     RUN_TEST(test_bytes_needed_with_multiplexors);
+    RUN_TEST(test_values_that_are_not_available);
     RUN_TEST(test_lengths);
     RUN_TEST(test_types);
     RUN_TEST(test_scale_and_offset);

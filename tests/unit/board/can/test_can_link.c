@@ -42,15 +42,53 @@ static void test_ids(void) {
         TEST_ASSERT_EQUAL_size_t(order[i], map.entries[i].index);
         TEST_ASSERT_EQUAL_size_t(channels[order[i]].field.start / 8U + 1, map.entries[i].bytes);
     }
-    const tl_can_id *two = tl_can_map_find(&map, 0x300, false);
+    const tl_can_id *two = tl_can_map_find(&map, NULL, 0x300, false);
     TEST_ASSERT_NOT_NULL(two);
     TEST_ASSERT_EQUAL_size_t(1, two->first);
     TEST_ASSERT_EQUAL_size_t(2, two->entries);
-    TEST_ASSERT_EQUAL_size_t(3, tl_can_map_find(&map, 0x100, true)->first);
-    TEST_ASSERT_EQUAL_size_t(0, tl_can_map_find(&map, 0x100, false)->first);
-    TEST_ASSERT_NULL(tl_can_map_find(&map, 0x300, true));
-    TEST_ASSERT_NULL(tl_can_map_find(&map, 0, false));
-    TEST_ASSERT_NOT_NULL(tl_can_map_find(&map, 0x1FFFFFFF, true));
+    TEST_ASSERT_EQUAL_size_t(3, tl_can_map_find(&map, NULL, 0x100, true)->first);
+    TEST_ASSERT_EQUAL_size_t(0, tl_can_map_find(&map, NULL, 0x100, false)->first);
+    TEST_ASSERT_NULL(tl_can_map_find(&map, NULL, 0x300, true));
+    TEST_ASSERT_NULL(tl_can_map_find(&map, NULL, 0, false));
+    TEST_ASSERT_NOT_NULL(tl_can_map_find(&map, NULL, 0x1FFFFFFF, true));
+    tl_can_map_release(&map);
+}
+
+static tl_can_channel channel_of_pgn(uint32_t pgn, tl_can_match match, uint8_t source) {
+    tl_can_channel channel = channel_at(tl_can_pgn_id(pgn, source), true, 0);
+    channel.match = match;
+    return channel;
+}
+
+/* Numbers of the channels that a frame reaches, as decimal digits. */
+static unsigned reached(const tl_can_map *map, uint32_t id, bool extended) {
+    unsigned digits = 0;
+    const tl_can_id *at = NULL;
+    while ((at = tl_can_map_find(map, at, id, extended)) != NULL) {
+        for (size_t i = at->first; i < at->first + at->entries; i++) {
+            digits = 10 * digits + (unsigned)map->entries[i].index + 1;
+        }
+    }
+    return digits;
+}
+
+static void test_pgns(void) {
+    const tl_can_channel channels[] = {channel_of_pgn(0xF004, TL_CAN_BY_PGN, 0),
+                                       channel_of_pgn(0xF004, TL_CAN_BY_PGN_AND_SOURCE, 0x17),
+                                       channel_of_pgn(0xEA00, TL_CAN_BY_PGN, 0), channel_at(0x18F00417, true, 0),
+                                       channel_of_pgn(0x1F004, TL_CAN_BY_PGN, 0)};
+    tl_can_map map;
+    TEST_ASSERT_TRUE(tl_can_map_make(&map, channels, 5));
+    TEST_ASSERT_EQUAL_UINT(1, reached(&map, 0x18F00400, true));
+    TEST_ASSERT_EQUAL_UINT(1, reached(&map, 0x0CF004FE, true)); /* another priority and source */
+    TEST_ASSERT_EQUAL_UINT(124, reached(&map, 0x18F00417, true));
+    TEST_ASSERT_EQUAL_UINT(12, reached(&map, 0x0CF00417, true));
+    TEST_ASSERT_EQUAL_UINT(5, reached(&map, 0x19F00417, true)); /* another data page */
+    TEST_ASSERT_EQUAL_UINT(0, reached(&map, 0x18F00517, true));
+    TEST_ASSERT_EQUAL_UINT(3, reached(&map, 0x18EAFF00, true));
+    TEST_ASSERT_EQUAL_UINT(3, reached(&map, 0x18EA2133, true)); /* another destination */
+    TEST_ASSERT_EQUAL_UINT(0, reached(&map, 0x18EB2133, true));
+    TEST_ASSERT_EQUAL_UINT(0, reached(&map, 0x417, false));
     tl_can_map_release(&map);
 }
 
@@ -58,7 +96,7 @@ static void test_no_ids(void) {
     tl_can_map map;
     memset(&map, 0xA5, sizeof map); /* tl_can_map_make() sets every field */
     TEST_ASSERT_TRUE(tl_can_map_make(&map, NULL, 0));
-    TEST_ASSERT_NULL(tl_can_map_find(&map, 0, false));
+    TEST_ASSERT_NULL(tl_can_map_find(&map, NULL, 0, false));
     tl_can_map_release(&map);
 }
 
@@ -179,6 +217,7 @@ static void test_only_understood_classes_are_requested(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_ids);
+    RUN_TEST(test_pgns);
     RUN_TEST(test_no_ids);
     RUN_TEST(test_a_frame_is_as_old_as_the_wall_clock_says);
     RUN_TEST(test_the_clock_is_set);

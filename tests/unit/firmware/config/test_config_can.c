@@ -78,6 +78,38 @@ static void test_channels(void) {
     TEST_ASSERT_EQUAL_UINT16(64, can->field.length); /* from the type */
 }
 
+static void test_pgns(void) {
+    const tl_can_channel *can = read_good()->signals[5].channel;
+    TEST_ASSERT_EQUAL_INT(TL_CAN_BY_PGN_AND_SOURCE, can->match);
+    TEST_ASSERT_EQUAL_HEX32(0x18F00417, can->id);
+    TEST_ASSERT_TRUE(can->extended && can->not_available);
+    can = read_good()->signals[6].channel;
+    TEST_ASSERT_EQUAL_INT(TL_CAN_BY_PGN, can->match);
+    TEST_ASSERT_EQUAL_HEX32(0x18EAFF00, can->id);
+    TEST_ASSERT_TRUE(can->extended);
+    TEST_ASSERT_FALSE(can->not_available);
+    can = read_good()->signals[0].channel;
+    TEST_ASSERT_EQUAL_INT(TL_CAN_BY_ID, can->match);
+}
+
+static void test_wrong_pgns(void) {
+    static const tl_test_change changes[] = {
+        {"\"pgn\": 61444", "\"pgn\": 262144", "plant.engine.can.pgn", "262144|0|262143", NULL},
+        {"\"pgn\": 61444", "\"pgn\": \"0xF004\"", "plant.engine.can.pgn", "0xF004|whole", NULL},
+        {"\"pgn\": 59904", "\"pgn\": 59905", "plant.to_all.can.pgn", "59905|256|0xF000", NULL},
+        {"\"pgn\": 61444", "\"pgn\": 61444, \"id\": 1", "plant.engine.can.id", "1|id or pgn", NULL},
+        {"\"pgn\": 61444", "\"pgn\": 61444, \"extended\": false", "plant.engine.can.extended", "false|true|29", NULL},
+        {"\"source_address\": 23", "\"source_address\": 256", "plant.engine.can.source_address", "256|255", NULL},
+        {"\"pgn\": 61444", "\"id\": 1", "plant.engine.can.source_address", "unknown|source_address", NULL},
+        {"\"not_available\": true", "\"not_available\": 1", "plant.engine.can.not_available", "1|true|false", NULL},
+        {"\"start\": 24, \"length\": 12", "\"start\": 24, \"length\": 1", "plant.engine.can.not_available",
+         "true|false|2 bits", NULL},
+        {"\"not_available\": true", "\"not_available\": true, \"type\": \"signed\"", "plant.engine.can.not_available",
+         "true|false|unsigned", NULL},
+    };
+    tl_test_expect_problems(text, changes, sizeof changes / sizeof changes[0]);
+}
+
 static void test_multiplexors(void) {
     const tl_can_channel *can = read_good()->signals[3].channel;
     TEST_ASSERT_EQUAL_size_t(2, can->condition_count);
@@ -201,6 +233,8 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_sources);
     RUN_TEST(test_channels);
+    RUN_TEST(test_pgns);
+    RUN_TEST(test_wrong_pgns);
     RUN_TEST(test_multiplexors);
     RUN_TEST(test_wrong_sources);
     RUN_TEST(test_wrong_frames);
