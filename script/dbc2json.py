@@ -1,5 +1,6 @@
 """Converts a DBC file into `sources` and `plant` of a configuration: see script/dbc2json, which starts this."""
 import argparse
+import codecs
 import difflib
 import json
 import re
@@ -71,10 +72,35 @@ def multiplex_of(signal, message, level=1):
     return condition
 
 
-def can_of(signal, message, source):
-    can = {"source": source, "id": f"0x{message.frame_id:X}"}
+def pgn_of(message):
+    """The PGN of a message of J1939; None for another one."""
+    if message.protocol != "j1939" or not message.is_extended_frame:
+        return None
+    pgn = message.frame_id >> 8 & 0x3FFFF
+    return pgn if pgn & 0xFF00 >= 0xF000 else pgn & 0x3FF00  # the last byte of PDU1 is the destination
+
+
+def frame_of(message, shared):
+    """How its frames are known. `shared`: PGNs of several messages, which differ in the source address."""
+    pgn = pgn_of(message)
+    if pgn is not None:
+        return {"pgn": pgn, "source_address": message.frame_id & 0xFF} if pgn in shared else {"pgn": pgn}
+    frame = {"id": f"0x{message.frame_id:X}"}
     if message.is_extended_frame and message.frame_id <= 0x7FF:
-        can["extended"] = True
+        frame["extended"] = True
+    return frame
+
+
+def has_not_available(signal, message):
+    """True if J1939 reserves the highest values, and the file does not permit them."""
+    if pgn_of(message) is None or signal.is_float or signal.is_signed or signal.length < 2:
+        return False
+    highest = (2**signal.length - 1) * signal.scale + signal.offset
+    return signal.maximum is None or signal.maximum < highest
+
+
+def can_of(signal, message, source, shared):
+    can = {"source": source, **frame_of(message, shared)}
     size = frame_bytes(message)
     if size != 8:
         can["bytes"] = size
@@ -88,6 +114,8 @@ def can_of(signal, message, source):
         can["scale"] = signal.scale
     if signal.offset != 0:
         can["offset"] = signal.offset
+    if has_not_available(signal, message):
+        can["not_available"] = True
     multiplex = multiplex_of(signal, message)
     if multiplex:
         can["multiplex"] = multiplex
@@ -99,7 +127,7 @@ def is_boolean(signal):
             and signal.offset == 0 and signal.minimum is None and signal.maximum is None)
 
 
-def entry_of(signal, message, source):
+def entry_of(signal, message, source, shared):
     entry = {}
     if is_boolean(signal):
         entry["type"] = "boolean"
@@ -110,7 +138,7 @@ def entry_of(signal, message, source):
             entry[key] = value
     if message.cycle_time:
         entry["stale_s"] = STALE_CYCLES * message.cycle_time / 1000
-    entry["can"] = can_of(signal, message, source)
+    entry["can"] = can_of(signal, message, source, shared)
     return entry
 
 
@@ -148,14 +176,14 @@ def name_of(message, signal, doubled):
     return name
 
 
-def convert(pairs, source, strict):
+def convert(pairs, source, shared, strict):
     """The entries of `plant`, and the reasons for signals that are left out."""
     names = [signal.name for _, signal in pairs]
     doubled = {name for name in names if names.count(name) > 1}
     plant, left_out = {}, []
     for message, signal in pairs:
         try:
-            plant[name_of(message, signal, doubled)] = entry_of(signal, message, source)
+            plant[name_of(message, signal, doubled)] = entry_of(signal, message, source, shared)
         except Refused as reason:
             if strict:
                 raise
@@ -163,12 +191,20 @@ def convert(pairs, source, strict):
     return plant, left_out
 
 
-def load(path):
+def load(path, encoding):
+    try:
+        codecs.lookup(encoding)
+    except LookupError:
+        raise Refused(f"--encoding {encoding}: unknown encoding (expected a name as cp1252, utf-8 or gb2312)") from None
     database = cantools.database.Database(strict=False)  # overlapping bits are allowed; field_of() checks the end of the frame
     try:
-        database.add_dbc_file(path, encoding="cp1252")
+        with open(path, encoding=encoding) as file:  # cantools would replace what it cannot decode
+            database.add_dbc_string(file.read())
     except OSError as reason:
         raise Refused(f"{path} cannot be read: {reason.strerror}") from reason
+    except UnicodeError as reason:
+        raise Refused(f"{path} cannot be decoded as {encoding}: {reason}: give its encoding, for example --encoding utf-8 or "
+                      "--encoding gb2312") from reason
     except (textparser.Error, cantools.Error, ValueError, KeyError, TypeError, AttributeError, IndexError) as reason:
         raise Refused(f"{path} is not a DBC file that can be understood: {reason}") from reason
     return database
@@ -185,8 +221,11 @@ def run(options):
         raise Refused(f"--interface {options.interface}: the name of an interface has 1 to 15 characters, no space, slash "
                       "or colon, for example can0")
     source = options.interface if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", options.interface) else "can"
-    pairs = choose(load(options.file), options.message, options.signal)
-    plant, left_out = convert(pairs, source, bool(options.signal))
+    database = load(options.file, options.encoding)
+    pgns = [pgn_of(message) for message in database.messages]
+    shared = {pgn for pgn in pgns if pgns.count(pgn) > 1}
+    pairs = choose(database, options.message, options.signal)
+    plant, left_out = convert(pairs, source, shared, bool(options.signal))
     for reason in left_out:
         print(f"dbc2json: left out: {reason}", file=sys.stderr)
     if not plant:
@@ -200,6 +239,7 @@ def main():
     parser = argparse.ArgumentParser(prog="dbc2json")
     parser.add_argument("file")
     parser.add_argument("--interface", default="can0")
+    parser.add_argument("--encoding", default="cp1252")
     parser.add_argument("--message", action="append", default=[])
     parser.add_argument("--signal", action="append", default=[])
     try:

@@ -293,6 +293,46 @@ EXPECTED = {
     "Shared_Speed": {"can": {"source": "vcan0", "id": "0x18FEF100", "start": 0, "length": 16}},
 }
 
+J1939 = HEAD + """BO_ 2364540158 EEC1: 8 ECU
+ SG_ EngineSpeed : 24|16@1+ (0.125,0) [0|8031.875] "rpm" ECU
+ SG_ Mode : 0|4@1+ (1,0) [0|15] "" ECU
+BO_ 2348810243 TSC1: 8 ECU
+ SG_ Requested : 8|8@1+ (1,0) [0|250] "" ECU
+BO_ 2566843904 ET1: 8 ECU
+ SG_ Coolant : 0|8@1+ (1,-40) [-40|210] "" ECU
+BO_ 2566843905 ET2: 8 ECU
+ SG_ Oil : 0|8@1- (1,0) [0|0] "" ECU
+BO_ 2566844672 Plain: 8 ECU
+ SG_ Load : 0|8@1+ (1,0) [0|250] "" ECU
+""" + TAIL + "".join(f'BA_ "VFrameFormat" BO_ {frame} 3;\n' for frame in (2364540158, 2348810243, 2566843904, 2566843905))
+
+EXPECTED_J1939 = {
+    "EngineSpeed": {"source": "can0", "pgn": 0xF004, "start": 24, "length": 16, "scale": 0.125, "not_available": True},
+    "Mode": {"source": "can0", "pgn": 0xF004, "start": 0, "length": 4},
+    "Requested": {"source": "can0", "pgn": 0, "start": 8, "length": 8, "not_available": True},
+    "Coolant": {"source": "can0", "pgn": 0xFEEE, "source_address": 0, "start": 0, "length": 8, "offset": -40,
+                "not_available": True},
+    "Oil": {"source": "can0", "pgn": 0xFEEE, "source_address": 1, "start": 0, "length": 8, "type": "signed"},
+    "Load": {"source": "can0", "id": "0x18FEF100", "start": 0, "length": 8},
+}
+
+# (id, data, what the program reads)
+J1939_FRAMES = [
+    ("18f00417", "0f0000401f000000", "EngineSpeed=1000 Mode=15"),
+    ("cf004fe", "00000000fd000000", "EngineSpeed=8096 Mode=0"),
+    ("cf004fe", "00000000feff0000", "EngineSpeed=nan Mode=0"),
+    ("cf004fe", "000000ffffffffff", "EngineSpeed=nan Mode=0"),
+    ("cf00504", "0000000000000000", ""),
+    ("c00ff21", "0005000000000000", "Requested=5"),
+    ("c0000fe", "00fe000000000000", "Requested=nan"),
+    ("c010003", "0005000000000000", ""),
+    ("18feee00", "6400000000000000", "Coolant=60"),
+    ("18feee01", "ff00000000000000", "Oil=-1"),
+    ("18feee02", "6400000000000000", ""),
+    ("18fef100", "ff00000000000000", "Load=255"),
+    ("1cfef100", "ff00000000000000", ""),
+]
+
 # (options, exit code, parts of the message)
 WRONG = [
     (["--message", "Engin"], 65, "message|Engin|Engine"),
@@ -310,6 +350,29 @@ WRONG = [
 def run_script(*arguments):
     return subprocess.run([SCRIPT, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, timeout=300,
                           check=False)
+
+
+def check_j1939(folder):
+    path = os.path.join(folder, "j1939.dbc")
+    with open(path, "w", encoding="cp1252") as file:
+        file.write(J1939)
+    part = convert(path)
+    found = {name: entry["can"] for name, entry in part["plant"].items()}
+    failures = 0
+    if found != EXPECTED_J1939:
+        failures += 1
+        print(f"dbc2json of J1939: {found}")
+    config = write_configuration(folder, part)
+    lines = probe(config, "decode", [f"{frame} 1 {data}" for frame, data, _ in J1939_FRAMES])
+    for (frame, data, wanted), line in zip(J1939_FRAMES, lines, strict=True):
+        if sorted(line.split()) != sorted(wanted.split()):
+            failures += 1
+            print(f"decode {frame} {data}: {line}, expected {wanted}")
+    sent = probe(config, "encode", ["1000 1 5 60 -1 7"])[0].split()[::4]
+    if sent != ["18f00400", "1800ff00", "18feee00", "18feee01", "18fef100"]:
+        failures += 1
+        print(f"encode: ids {sent}")
+    return failures
 
 
 def check_command(folder):
@@ -348,13 +411,35 @@ def check_command(folder):
         done = run_script(os.path.join(folder, name))
         expect(done.returncode == 65 and has_line(done.stderr, parts) and not done.stdout,
                f"{name}: ends with {done.returncode}, logs {done.stderr}{done.stdout}")
+    return failures + check_encodings(folder)
+
+
+def check_encodings(folder):
+    """A unit beyond cp1252, and bytes that the encoding does not have."""
+    failures = 0
+    path = os.path.join(folder, "encoded.dbc")
+    # (encoding of the file, options, unit or parts of the message)
+    for encoding, options, wanted in (("utf-8", ["--encoding", "utf-8"], "\u2103"), ("gb2312", ["--encoding", "gb2312"], "\u2103"),
+                                      ("cp1252", [], "\u00b0C"), ("gb2312", ["--encoding", "utf-8"], "decoded|utf-8|--encoding"),
+                                      ("utf-8", ["--encoding", "ascii"], "decoded|ascii|--encoding"),
+                                      ("cp1252", ["--encoding", "latin-none"], "--encoding|latin-none|cp1252")):
+        with open(path, "w", encoding=encoding) as file:
+            file.write(SMALL if encoding == "cp1252" else SMALL.replace("\u00b0C", "\u2103"))
+        done = run_script(path, "--signal", "Temperature", *options)
+        if "|" not in wanted:
+            right = done.returncode == 0 and json.loads(done.stdout)["plant"]["Temperature"]["unit"] == wanted
+        else:
+            right = done.returncode == 65 and has_line(done.stderr, wanted) and not done.stdout
+        if not right:
+            failures += 1
+            print(f"encoding {encoding}, {options}: ends with {done.returncode}, {done.stdout}{done.stderr}")
     return failures
 
 
 def main():
     seed = int(os.environ.get("TL_SEED", "4711"))
     with tempfile.TemporaryDirectory() as folder:
-        failures = check_random(random.Random(seed), folder) + check_command(folder)
+        failures = check_random(random.Random(seed), folder) + check_j1939(folder) + check_command(folder)
     print(f"{failures} failures (TL_SEED={seed})")
     sys.exit(1 if failures else 0)
 
