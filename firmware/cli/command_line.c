@@ -21,26 +21,28 @@ static int (*const RUN[TL_VERB_COUNT])(const tl_options *options) = {
     [TL_VERB_LEARN] = tl_verb_learn,   [TL_VERB_RELOAD] = tl_verb_reload,
 };
 
-/* ---- Verbs of a separate program. This program loads FMUs and therefore does not link TLS. */
-
-#define PROGRAM "twinlock-serve"
+/* ---- Verbs of separate programs. This program loads FMUs and therefore does not link TLS; a box
+ * needs no Python. */
 
 static const struct {
     const char *name;
+    const char *program; /* and the Debian package that has it */
     const char *purpose; /* half a line of help */
 } PROGRAMS[] = {
-    {"serve", "accept changed configurations over HTTPS"},
-    {"token", "manage access tokens"},
+    {"tune", "twinlock-tune", "search better settings with recordings"},
+    {"serve", "twinlock-serve", "accept changed configurations over HTTPS"},
+    {"token", "twinlock-serve", "manage access tokens"},
 };
 
 enum { PROGRAM_COUNT = sizeof PROGRAMS / sizeof PROGRAMS[0] };
 
-static bool is_program(const char *name) {
+/* Returns NULL if no separate program has this verb. */
+static const char *find_program(const char *name) {
     size_t i = 0;
     while (i < PROGRAM_COUNT && strcmp(name, PROGRAMS[i].name) != 0) {
         i++;
     }
-    return i < PROGRAM_COUNT;
+    return i < PROGRAM_COUNT ? PROGRAMS[i].program : NULL;
 }
 
 /* Finds the program in the folder of this one. Returns false if that folder is not known. */
@@ -56,17 +58,18 @@ static bool find_beside(const char *program, char path[PATH_MAX]) {
 
 /* Executes the program with the same arguments; argv[1] is the verb. If that fails, logs the reason
  * and returns the exit code. */
-static int run_program(char **argv) {
+static int run_program(const char *program, char **argv) {
     char path[PATH_MAX];
-    char name[] = PROGRAM;
+    char name[PATH_MAX];
+    (void)snprintf(name, sizeof name, "%s", program);
     argv[0] = name;
-    if (find_beside(PROGRAM, path)) {
+    if (find_beside(program, path)) {
         (void)execv(path, argv);
     } else {
-        (void)execvp(PROGRAM, argv);
+        (void)execvp(program, argv);
     }
-    tl_log(TL_LOG_ERROR, "`twinlock %s`: program %s: %s; install the package twinlock-serve", argv[1], PROGRAM,
-           strerror(errno));
+    tl_log(TL_LOG_ERROR, "`twinlock %s`: program %s: %s; install the package %s", argv[1], program, strerror(errno),
+           program);
     return tl_exit_code(TL_BAD_USAGE);
 }
 
@@ -140,10 +143,11 @@ static int refuse_verb(const char *name) {
 /* Handles `twinlock help VERB`; argv[2] is the verb. */
 static int help(char **argv) {
     tl_verb verb = find_verb(argv[2]);
-    if (is_program(argv[2])) {
+    const char *program = find_program(argv[2]);
+    if (program != NULL) {
         char option[] = "--help";
         char *words[] = {argv[0], argv[2], option, NULL};
-        return run_program(words);
+        return run_program(program, words);
     }
     if (verb == TL_VERB_COUNT) {
         return refuse_verb(argv[2]);
@@ -165,8 +169,9 @@ int tl_command_line_run(int argc, char **argv) {
         return outcome == TL_OPTIONS_READ ? RUN[verb](&options)
                                           : tl_exit_code(outcome == TL_OPTIONS_HELPED ? TL_OK : TL_BAD_USAGE);
     }
-    if (is_program(first)) {
-        return run_program(argv);
+    const char *program = find_program(first);
+    if (program != NULL) {
+        return run_program(program, argv);
     }
     if (strcmp(first, "help") == 0 && argc > 2) {
         return help(argv);
