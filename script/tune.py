@@ -4,6 +4,7 @@ Each candidate replays every recording. Released twins (master/sync/released_twi
 candidates are compared with the same readings, those without a filter, and with releases of the same duration: a filter must
 not look better because its own output is the reference.
 """
+import argparse
 import concurrent.futures
 import copy
 import hashlib
@@ -36,7 +37,9 @@ options:
   --output FILE     write the recommended configuration into this new file
   --variables LIST  more variables that may be adjusted: tank.area,pump.gain
   --also LIST       also search: step, algorithm or step,algorithm
-  --trials N        candidates, 1 to 100000; default: 200
+  --executions N    of FMUs per step, at most, of the recommended one; default:
+                    as many as CONFIG needs
+  --trials N        candidates; default: 200
 
 less common options:
   --seed N          seed of the search; default: 1
@@ -69,55 +72,41 @@ def say(text, kind="notice"):
 
 # ---- command line ----
 
-def integer(text, least, most, name):
-    if not re.fullmatch(r"\d{1,9}", text) or not least <= int(text) <= most:
-        raise Refused(f"{name}: {text}: expected a number from {least} to {most}", BAD_USAGE)
-    return int(text)
+class Parser(argparse.ArgumentParser):
+    def format_help(self):
+        return HELP
+
+    def error(self, message):
+        raise Refused(f"tune: {message}; see `twinlock tune --help`", BAD_USAGE)
 
 
-def names(text, name):
-    found = text.split(",")
-    if not all(found):
-        raise Refused(f"{name}: \"{text}\": expected names with commas between them", BAD_USAGE)
-    return found
+def number(least, most):
+    def read(text):
+        if not re.fullmatch(r"\d{1,9}", text) or not least <= int(text) <= most:
+            raise argparse.ArgumentTypeError(f"{text}: expected a number from {least} to {most}")
+        return int(text)
+    return read
 
 
 def read_options(words):
-    """The options as a dictionary; None after --help."""
-    chosen = {"recording": [], "output": None, "variables": [], "also": [], "trials": 200, "seed": 1,
-              "jobs": os.cpu_count() or 1, "limit": 600, "results": None, "plot": None}
-    limits = {"trials": (1, 100000), "seed": (0, 999999), "jobs": (1, 256), "limit": (1, 86400)}
-    config, words = None, list(words)
-    while words:
-        word, _, value = words.pop(0).partition("=")
-        if word in ("--help", "-h"):
-            return None
-        name = "jobs" if word == "-j" else word[2:] if word.startswith("--") else None
-        if name is None and not word.startswith("-") and config is None:
-            config = word + ("=" + value if value else "")
-            continue
-        if name not in chosen:
-            raise Refused(f"{word}: expected CONFIG and options of `twinlock tune --help`", BAD_USAGE)
-        if not value and not words:
-            raise Refused(f"{word}: a value is missing; see `twinlock tune --help`", BAD_USAGE)
-        value = value or words.pop(0)
-        if name in limits:
-            chosen[name] = integer(value, *limits[name], word)
-        elif name == "recording":
-            chosen[name].append(value)
-        else:
-            chosen[name] = names(value, word) if name in ("variables", "also") else value
-    if config is None:
-        raise Refused("tune: CONFIG is missing; see `twinlock tune --help`", BAD_USAGE)
-    unknown = set(chosen["also"]) - {"step", "algorithm"}
-    if unknown:
-        raise Refused(f"--also: {', '.join(sorted(unknown))}: expected step or algorithm", BAD_USAGE)
-    if chosen["output"] and Path(chosen["output"]).exists():
-        raise Refused(f"{chosen['output']}: exists; remove it, or give --output another file", BAD_USAGE)
-    stem = Path(config).stem
-    chosen["results"] = Path(chosen["results"] or f"{stem}.tune.jsonl")
-    return {**chosen, "config": Path(config), "plot_is_wanted": chosen["plot"] is not None,
-            "plot": Path(chosen["plot"] or f"{stem}.tune.svg")}
+    parser = Parser(allow_abbrev=False)
+    parser.add_argument("config", metavar="CONFIG", type=Path)
+    parser.add_argument("--recording", action="append", default=[])
+    for name in ("output", "results", "plot"):
+        parser.add_argument(f"--{name}", type=Path)
+    for name in ("variables", "also"):
+        parser.add_argument(f"--{name}", type=lambda text: text.split(","), default=[])
+    for name, default, least, most in (("executions", None, 1, 999999), ("trials", 200, 1, 100000), ("seed", 1, 0, 999999),
+                                       ("limit", 600, 1, 86400)):
+        parser.add_argument(f"--{name}", type=number(least, most), default=default)
+    parser.add_argument("-j", "--jobs", type=number(1, 256), default=os.cpu_count() or 1)
+    options = parser.parse_args(words)
+    if not set(options.also) <= {"step", "algorithm"}:
+        parser.error(f"--also: {','.join(options.also)}: expected step, algorithm, or both with a comma")
+    if options.output and options.output.exists():
+        raise Refused(f"{options.output}: exists; remove it, or give --output another file", BAD_USAGE)
+    options.results = options.results or Path(f"{options.config.stem}.tune.jsonl")
+    return options
 
 
 # ---- configurations ----
@@ -225,6 +214,11 @@ def left_alone(document, name, entry, start):
         document["components"][component].setdefault("set", {}).setdefault(variable, value)
 
 
+def has_line(document, match):
+    """True if readings can be interpolated: that takes the longest time between two."""
+    return "every_s" in document["plant"].get(match["to"].removeprefix("plant."), {})
+
+
 def free_config(document, starts):
     """The twin left alone, compared with readings without a filter."""
     document = copy.deepcopy(document)
@@ -232,8 +226,8 @@ def free_config(document, starts):
     for name, entry in sync["adjust"].items():
         left_alone(document, name, entry, starts.get(name))
     for name, match in sync["match"].items():
-        kind = document["plant"].get(match["to"].removeprefix("plant."), {}).get("type", "real")
-        document.setdefault("compare", {})[name] = {"to": match["to"], "between": "line" if kind == "real" else "last"}
+        between = "line" if has_line(document, match) else "last"
+        document.setdefault("compare", {})[name] = {"to": match["to"], "between": between}
     return document
 
 
@@ -251,7 +245,7 @@ class Worker:
         with self.lock:
             self.ends = True
             for process in self.running:
-                os.killpg(process.pid, signal.SIGKILL)
+                process.terminate()
 
     def name(self):
         with self.lock:
@@ -264,7 +258,8 @@ class Worker:
             if self.ends:
                 raise concurrent.futures.CancelledError
             process = subprocess.Popen([self.program, *map(str, words)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                                       stderr=subprocess.PIPE, encoding="utf-8", errors="replace", start_new_session=True)
+                                       stderr=subprocess.PIPE, encoding="utf-8", errors="replace", start_new_session=True,
+                                       env={**os.environ, "TMPDIR": str(self.folder)})  # removed with it, also after a kill
             self.running.add(process)
         try:
             out, err = process.communicate(timeout=self.limit_s)
@@ -426,13 +421,14 @@ def ranges(base, extras, most_prediction, also):
     from optuna.distributions import IntDistribution as Int
     sync = base["synchronise"]
     horizon, match = sync.get("horizon", {}), next(iter(sync["match"].values()))
+    has_lines = all(has_line(base, each) for each in sync["match"].values())
     prediction = min(most_prediction, horizon.get("prediction", 1))
     condition = match.get("condition", {})
     space = {
         "tolerance": (Float(0.5, 4, log=True), 1.0),
         "prediction": (Int(1, max(1, min(most_prediction, max(20, 4 * prediction))), log=True), prediction),
         "measurements": (Choice(["lag", "hold", "ahead"]), horizon.get("measurements", "lag")),
-        "between": (Choice(["last", "line"]), match.get("between", "last")),
+        "between": (Choice(["last", "line"] if has_lines else ["last"]), match.get("between", "last")),
         "low_pass": (Choice([0.0, 0.5, 1.0, 2.0, 4.0]), 1.0 if "low_pass_s" in condition else 0.0),
         "median": (Choice([1, 3, 5]), min(5, condition.get("median", 1))),
         "evaluations": (Int(4, 240, log=True), max(4, min(240, sync.get("budget", {}).get("evaluations", 60)))),
@@ -495,10 +491,10 @@ def pareto(rows):
     return sorted(kept, key=lambda row: row["values"])
 
 
-def recommended(rows, budget_s, given):
-    """Of those within the time budget whose released errors are as good as the least one: the fewest executions. A correction
-    that jumps more than that of the given configuration follows noise, so such a row is taken only if there is no other."""
-    fitting = [row for row in rows if row["worst_s"] <= budget_s]
+def recommended(rows, budget_s, most, given):
+    """Of those within the budgets (time of a step, executions) whose released errors are as good as the least one: the fewest
+    executions. A correction that jumps more than that of CONFIG follows noise: such a row is taken only if there is no other."""
+    fitting = [row for row in rows if row["worst_s"] <= budget_s and row["values"][1] <= most]
     least = min((row["values"][0] for row in fitting), default=None)
     equal = [row for row in fitting if row["values"][0] <= EQUAL * least]
     quiet = [row for row in equal if given["values"] and row["values"][2] <= given["values"][2]]
@@ -519,9 +515,9 @@ class Search:
         self.study.enqueue_trial(start)
 
     def run(self, pool, progress):
-        for first in range(0, self.options["trials"], BATCH):
-            count = min(BATCH, self.options["trials"] - first)
-            self.study.sampler = self.optuna.samplers.TPESampler(seed=self.options["seed"] * 100000 + first)
+        for first in range(0, self.options.trials, BATCH):
+            count = min(BATCH, self.options.trials - first)
+            self.study.sampler = self.optuna.samplers.TPESampler(seed=self.options.seed * 100000 + first)
             trials = [self.study.ask(self.space) for _ in range(BATCH)][:count]
             wanted = {Results.key(trial.params): trial for trial in reversed(trials)}
             futures = {pool.submit(self.measure, trial.params): trial for key, trial in reversed(wanted.items())
@@ -529,7 +525,7 @@ class Search:
             for future in concurrent.futures.as_completed(futures):
                 trial = futures[future]
                 self.results.add(trial.number, trial.params, future.result())
-                progress(len(self.results.found))
+                progress()
             for trial in trials:
                 values = self.results.found[Results.key(trial.params)]["values"]
                 state = self.optuna.trial.TrialState
@@ -552,13 +548,10 @@ def words_of(settings):
 def print_table(given, rows, best):
     print("     released error  executions  quietness  worst step\n"
           "          of 1 free    per step      steps          ms")
-    if given["values"]:
-        shown = [("given", given), *((str(row["number"]), row) for row in rows)]
-    else:
+    if not given["values"]:
         print(f"  given: {given['why']}")
-        shown = [(str(row["number"]), row) for row in rows]
-    for name, row in shown:
-        released, executions, quiet = row["values"]
+    for row in [given, *rows] if given["values"] else rows:
+        name, (released, executions, quiet) = row.get("number", "given"), row["values"]
         print(f"{'*' if row is best else ' '} {name:>5} {released:11.4g} {executions:11.4g} {quiet:10.3g} "
               f"{1000 * row['worst_s']:11.3g}")
         if "settings" in row:
@@ -568,14 +561,15 @@ def print_table(given, rows, best):
 def report(given, results, budget_s, options):
     """Prints the Pareto table and draws the plot; the recommended row, or None."""
     good = [row for row in results.found.values() if row["values"]]
-    best = recommended(good, budget_s, given)
+    most = options.executions or (given["values"][1] if given["values"] else math.inf)
+    best = recommended(good, budget_s, most, given)
     rows = pareto(good)
     shown = rows[:ROWS] + ([best] if best and best not in rows[:ROWS] else [])
     print_table(given, shown, best)
     print(f"{len(results.found)} candidates, {len(results.found) - len(good)} failed, {len(rows)} not beaten by another; "
-          f"all in\n{options['results']}")
-    print(f"* recommended: least released error within {1000 * budget_s:.3g} ms a step, then executions" if best else
-          f"none recommended: no candidate's worst step is within {1000 * budget_s:.3g} ms")
+          f"all in\n{options.results}")
+    limits = f"{most:.4g} executions and {1000 * budget_s:.3g} ms a step"
+    print(f"* recommended: least released error within {limits}" if best else f"none recommended: no candidate is within {limits}")
     if good:
         draw(options, good, rows, best)
     return best
@@ -583,54 +577,41 @@ def report(given, results, budget_s, options):
 
 def draw(options, good, rows, best):
     try:
-        import matplotlib
-        matplotlib.use("Agg")
-        from matplotlib import pyplot
+        from matplotlib.figure import Figure
     except ImportError:
-        if options["plot_is_wanted"]:
-            say(f"{options['plot']}: not drawn: matplotlib is missing; install python3-matplotlib")
+        if options.plot:
+            say(f"{options.plot}: not drawn: matplotlib is missing; install python3-matplotlib")
         return
-    figure, axes = pyplot.subplots()
-    drawn = ((good, ".", "all"), (rows, "o", "not beaten"), ([best] if best else [], "*", "recommended"))
-    for some, marker, label in drawn:
+    axes = Figure().subplots()
+    for some, marker, label in ((good, ".", "all"), (rows, "o", "not beaten"), ([best] if best else [], "*", "recommended")):
         axes.scatter([row["values"][1] for row in some], [row["values"][0] for row in some], marker=marker, label=label)
     axes.set(xlabel="executions per step", ylabel="released error, of 1 free", xscale="log")
     axes.legend()
-    figure.savefig(options["plot"])
-    pyplot.close(figure)
-    print(f"plot: {options['plot']}")
+    path = options.plot or Path(f"{options.config.stem}.tune.svg")
+    axes.figure.savefig(path)
+    print(f"plot: {path}")
 
 
-class Progress:
-    """A line that is overwritten on a terminal; otherwise a line for each tenth."""
-
-    def __init__(self, trials, results):
-        self.trials, self.results, self.terminal = trials, results, sys.stderr.isatty()
-
-    def __call__(self, done):
-        least = min((row["values"][0] for row in self.results.found.values() if row["values"]), default=math.nan)
-        text = f"tune: {done} of at most {self.trials} candidates, least released error {least:.4g}"
-        if self.terminal:
-            print(f"\r{text}", end="\n" if done == self.trials else "", file=sys.stderr, flush=True)
-        elif done % max(1, self.trials // 10) == 0:
-            print(text, file=sys.stderr, flush=True)
+def show_progress(results, trials):
+    """A line that is overwritten on a terminal; otherwise a line for each batch."""
+    done, terminal = len(results.found), sys.stderr.isatty()
+    least = min((row["values"][0] for row in results.found.values() if row["values"]), default=math.nan)
+    if terminal or done % BATCH == 0:
+        text = f"tune: {done} of at most {trials} candidates, least released error {least:.4g}"
+        print(f"\r{text}" if terminal else text, end="" if terminal else "\n", file=sys.stderr, flush=True)
 
 
 def write_output(path, document, config):
-    document = moved(document, config.parent, path.parent)
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(json.dumps(document, indent=2, ensure_ascii=False) + "\n")
-    except OSError as error:
-        raise Refused(f"{path}: {error.strerror}", BAD_USAGE) from None
+    with path.open("x", encoding="utf-8") as file:
+        file.write(json.dumps(moved(document, config.parent, path.parent), indent=2, ensure_ascii=False) + "\n")
     print(f"{path}: written\nnext: twinlock check {path}")
 
 
 def prepare(worker, options):
     """(given configuration, start with check's proposals, entries of --variables, references, first steps)."""
-    config = options["config"]
+    config = options.config
     document = read_config(config)
-    recordings = [("--recording", str(Path(name).resolve())) for name in options["recording"]]
+    recordings = [("--recording", str(Path(name).resolve())) for name in options.recording]
     if not recordings:
         own = document.get("recording", {}).get("file")
         if not own:
@@ -638,7 +619,7 @@ def prepare(worker, options):
         recordings = [("--recording", str((config.parent / own).resolve()))]
     said = ask_check(worker, config, recordings[0])
     starts = find_starts(worker, config)
-    extras = find_extras(starts, document, options["variables"])
+    extras = find_extras(starts, document, options.variables)
     given = moved(document, config.parent, worker.folder)
     given.pop("record", None)
     step_s = given["step_s"]
@@ -646,35 +627,35 @@ def prepare(worker, options):
     first_step = round(release_s / step_s / 2)
     given["synchronise"]["release_s"] = release_s
     base = merge(given, said["proposal"])
-    references = [Reference(worker, given, starts, recording, first_step) for recording in recordings]
+    references = [Reference(worker, base, starts, recording, first_step) for recording in recordings]
     units = {name: entry.get("step", 1) for name, entry in {**given["synchronise"]["adjust"], **extras}.items()}
     return document, given, base, extras, starts, references, units, first_step, said["proposal"]
 
 
 def tune(worker, options):
     document, given, base, extras, starts, references, units, first_step, proposal = prepare(worker, options)
-    space, start = ranges(base, extras, first_step, options["also"])
-    contents = [base, extras, sorted(options["also"]), options["seed"],
+    space, start = ranges(base, extras, first_step, options.also)
+    contents = [base, extras, sorted(options.also), options.seed,
                 [hashlib.sha256(Path(reference.recording[1]).read_bytes()).hexdigest() for reference in references]]
     key = hashlib.sha256(json.dumps(contents, sort_keys=True).encode()).hexdigest()
-    results = Results(options["results"], key)
+    results = Results(options.results, key)
     trial = Trial(worker, references, units)
     budget_s = given["synchronise"].get("budget", {}).get("time_s", 0.6 * given["step_s"])
     given_figures = trial.of(given)
     search = Search(space, start, options, results, lambda values: trial.of(settings_of(base, extras, starts, values)))
     is_complete = False
-    with concurrent.futures.ThreadPoolExecutor(options["jobs"]) as pool:
+    with concurrent.futures.ThreadPoolExecutor(options.jobs) as pool:
         try:
-            search.run(pool, Progress(options["trials"], results))
+            search.run(pool, lambda: show_progress(results, options.trials))
             is_complete = True
         except KeyboardInterrupt:
             worker.end()
             pool.shutdown(cancel_futures=True)
             say("interrupted; the same command continues")
     best = report(given_figures, results, budget_s, options)
-    if is_complete and best and options["output"]:
+    if is_complete and best and options.output:
         chosen = settings_of(merge(document, proposal), extras, starts, best["settings"])
-        write_output(Path(options["output"]), chosen, options["config"])
+        write_output(options.output, chosen, options.config)
     return 0 if is_complete and best else TRY_AGAIN if not is_complete else NOT_LOCKED
 
 
@@ -685,9 +666,6 @@ def interrupt(*_):
 def main():
     try:
         options = read_options(sys.argv[2:] if sys.argv[1:2] == ["tune"] else sys.argv[1:])
-        if options is None:
-            print(HELP, end="")
-            return 0
         try:
             import optuna  # noqa: F401  not before --help
         except ImportError:
@@ -695,7 +673,7 @@ def main():
         signal.signal(signal.SIGTERM, interrupt)
         signal.signal(signal.SIGINT, interrupt)
         with tempfile.TemporaryDirectory(prefix="twinlock-tune-") as folder:
-            worker = Worker(folder, options["limit"])
+            worker = Worker(folder, options.limit)
             try:
                 return tune(worker, options)
             finally:
@@ -703,6 +681,9 @@ def main():
     except KeyboardInterrupt:
         say("interrupted; the same command continues")
         return TRY_AGAIN
+    except OSError as error:
+        say(f"{error.filename or error}: {error.strerror}", "error")
+        return BAD_DATA
     except Refused as refused:
         text = str(refused)
         print(text if text.startswith("twinlock: ") else f"twinlock: error: {text}", file=sys.stderr)
