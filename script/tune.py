@@ -37,8 +37,8 @@ options:
   --output FILE     write the recommended configuration into this new file
   --variables LIST  more variables that may be adjusted: tank.area,pump.gain
   --also LIST       also search: step, algorithm or step,algorithm
-  --executions N    of FMUs per step, at most, of the recommended one; default:
-                    as many as CONFIG needs
+  --executions N    most executions per step of the recommended one; default: as
+                    many as CONFIG needs
   --trials N        candidates; default: 200
 
 less common options:
@@ -88,6 +88,16 @@ def number(least, most):
     return read
 
 
+def positive(text):
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text}: expected a number above 0")
+    return value
+
+
 def read_options(words):
     parser = Parser(allow_abbrev=False)
     parser.add_argument("config", metavar="CONFIG", type=Path)
@@ -96,9 +106,10 @@ def read_options(words):
         parser.add_argument(f"--{name}", type=Path)
     for name in ("variables", "also"):
         parser.add_argument(f"--{name}", type=lambda text: text.split(","), default=[])
-    for name, default, least, most in (("executions", None, 1, 999999), ("trials", 200, 1, 100000), ("seed", 1, 0, 999999),
+    for name, default, least, most in (("trials", 200, 1, 100000), ("seed", 1, 0, 999999),
                                        ("limit", 600, 1, 86400)):
         parser.add_argument(f"--{name}", type=number(least, most), default=default)
+    parser.add_argument("--executions", type=positive)
     parser.add_argument("-j", "--jobs", type=number(1, 256), default=os.cpu_count() or 1)
     options = parser.parse_args(words)
     if not set(options.also) <= {"step", "algorithm"}:

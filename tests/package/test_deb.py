@@ -12,6 +12,7 @@ from twinlock_test import BUILD, SOURCE, expect, main, scratch
 PACKAGE = debian.make()
 ROOT = debian.unpacked(PACKAGE)
 SERVE = debian.make(name="twinlock-serve")
+TUNE = debian.make(name="twinlock-tune")
 SERVE_ROOT = debian.unpacked(SERVE)
 
 
@@ -70,9 +71,23 @@ def test_the_package_of_the_network():
     expect(not paths & others, f"both packages have {paths & others}")
 
 
+def test_the_package_of_the_search():
+    """A box needs no Python: only this package does."""
+    own = debian.fields(TUNE)
+    expect(own["Architecture"] == "all" and own["Package"] == "twinlock-tune", f"{own}")
+    expect(own["Depends"] == f"twinlock (= {own['Version']}), python3, python3-optuna", own["Depends"])
+    expect("python" not in debian.fields(PACKAGE)["Depends"], "the first package depends on Python")
+    paths = {path for mode, _, path, _ in debian.contents(TUNE) if mode[0] != "d"}
+    expect(paths == {f"./usr/{path}" for path in (
+        "bin/twinlock-tune", "share/doc/twinlock-tune/changelog.Debian.gz", "share/doc/twinlock-tune/copyright",
+        "share/man/man1/twinlock-tune.1.gz")}, f"{paths}")
+    program = (debian.unpacked(TUNE) / "usr/bin/twinlock-tune").read_text(encoding="utf-8")
+    expect(program == f"#!/usr/bin/python3\n{(SOURCE / 'script/tune.py').read_text(encoding='utf-8')}", "another program")
+
+
 def test_owners_and_modes():
     """The same for each umask of the build."""
-    for package in ("twinlock", "twinlock-serve"):
+    for package in ("twinlock", "twinlock-serve", "twinlock-tune"):
         for mode, owner, path, _ in debian.contents(debian.make(umask=0o077, name=package)):
             wanted = {"d": "drwxr-xr-x", "l": "lrwxrwxrwx"}.get(mode[0], "-rwxr-xr-x" if path.startswith(("./usr/bin/", "./usr/lib/twinlock/inbox")) else "-rw-r--r--")
             expect(mode == wanted and owner == "root/root", f"{mode} {owner} {path}")
