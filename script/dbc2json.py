@@ -52,19 +52,28 @@ def type_of(signal, message):
     return "signed" if signal.is_signed else "unsigned"
 
 
+def ranges_of(values):
+    """Sorted values; more than fit as ranges."""
+    if len(values) <= VALUES:
+        return values
+    starts = [value for value in values if value - 1 not in values]
+    ends = [value for value in values if value + 1 not in values]
+    return [low if low == high else f"{low}-{high}" for low, high in zip(starts, ends)]
+
+
 def multiplex_of(signal, message, level=1):
     """The multiplexor that selects the signal, with its own multiplexor; None if the signal is always in the frame."""
     if not signal.multiplexer_ids:
         return None
     if level > LEVELS:
         raise Refused(f"{message.name}.{signal.name}: more than {LEVELS} nested multiplexors")
-    if len(signal.multiplexer_ids) > VALUES:
-        raise Refused(f"{message.name}.{signal.name}: {len(signal.multiplexer_ids)} values of {signal.multiplexer_signal} select it "
+    values = ranges_of(sorted(signal.multiplexer_ids))
+    if len(values) > VALUES:
+        raise Refused(f"{message.name}.{signal.name}: {len(values)} values and ranges of {signal.multiplexer_signal} select it "
                       f"(expected at most {VALUES})")
     multiplexor = message.get_signal_by_name(signal.multiplexer_signal)
     if multiplexor.length > 32:
         raise Refused(f"{message.name}.{multiplexor.name}: a multiplexor of {multiplexor.length} bits (expected at most 32)")
-    values = sorted(signal.multiplexer_ids)
     condition = {**field_of(multiplexor, message), "value": values[0] if len(values) == 1 else values}
     outer = multiplex_of(multiplexor, message, level + 1)
     if outer:

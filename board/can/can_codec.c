@@ -109,7 +109,7 @@ void tl_can_write_bits(const tl_can_field *field, uint64_t bits, uint8_t *data) 
 static bool holds(const tl_can_condition *condition, const uint8_t *data) {
     uint64_t found = tl_can_read_bits(&condition->field, data);
     for (size_t i = 0; i < condition->value_count; i++) {
-        if (condition->values[i] == found) {
+        if (found >= condition->values[i] && found - condition->values[i] <= condition->further[i]) {
             return true;
         }
     }

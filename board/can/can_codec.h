@@ -49,7 +49,8 @@ typedef struct tl_can_field {
 typedef struct tl_can_condition {
     tl_can_field field; /* at most TL_CAN_MULTIPLEXOR_BITS long; unsigned */
     uint32_t values[TL_CAN_CONDITION_VALUES];
-    size_t value_count; /* 1..TL_CAN_CONDITION_VALUES */
+    uint32_t further[TL_CAN_CONDITION_VALUES]; /* so many values after each one also select the signal */
+    size_t value_count;                        /* 1..TL_CAN_CONDITION_VALUES */
 } tl_can_condition;
 
 /* Position and meaning of one signal on the bus. */

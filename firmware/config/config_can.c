@@ -165,11 +165,37 @@ static void read_not_available(tl_config_object *object, bool has_length, tl_can
 
 /* ---- multiplexors ---- */
 
-/* One value, or an array of them. */
+/* Reads "3-7". */
+static bool parse_range(const char *text, double *low, double *high) {
+    static const char digits[] = "0123456789";
+    size_t first = strspn(text, digits);
+    size_t last = text[first] == '-' ? strspn(text + first + 1, digits) : 0;
+    if (first == 0 || last == 0 || text[first + 1 + last] != '\0') {
+        return false;
+    }
+    *low = strtod(text, NULL);
+    *high = strtod(text + first + 1, NULL);
+    return true;
+}
+
+static bool read_value(const cJSON *item, double most, uint32_t *value, uint32_t *further) {
+    double low = cJSON_IsNumber(item) ? item->valuedouble : -1;
+    double high = low;
+    if (cJSON_IsString(item) && !parse_range(item->valuestring, &low, &high)) {
+        return false;
+    }
+    bool right = low >= 0 && low <= high && high <= most && low == floor(low);
+    *value = right ? (uint32_t)low : 0;
+    *further = right ? (uint32_t)(high - low) : 0;
+    return right;
+}
+
+/* One value or range, or an array of them. */
 static void read_values(tl_config_object *object, int bits, tl_can_condition *condition) {
     char expected[EXPECTED];
     double most = ldexp(1, bits) - 1;
-    (void)snprintf(expected, sizeof expected, "a whole number from 0 to %.15g, or an array of 1 to %d of them", most,
+    (void)snprintf(expected, sizeof expected,
+                   "a whole number from 0 to %.15g, a range \"3-7\", or an array of 1 to %d of these", most,
                    (int)TL_CAN_CONDITION_VALUES);
     const cJSON *item = tl_config_get(object, "value", TL_CONFIG_REQUIRED, expected, "3");
     if (item == NULL) {
@@ -179,9 +205,7 @@ static void read_values(tl_config_object *object, int bits, tl_can_condition *co
     bool right = count >= 1 && count <= TL_CAN_CONDITION_VALUES;
     const cJSON *one = cJSON_IsArray(item) ? item->child : item;
     for (int i = 0; right && i < count; i++) {
-        right = cJSON_IsNumber(one) && one->valuedouble >= 0 && one->valuedouble <= most &&
-                one->valuedouble == floor(one->valuedouble);
-        condition->values[i] = right ? (uint32_t)one->valuedouble : 0;
+        right = read_value(one, most, &condition->values[i], &condition->further[i]);
         one = one->next;
     }
     condition->value_count = (size_t)count;

@@ -375,6 +375,22 @@ def check_j1939(folder):
     return failures
 
 
+def check_ranges(folder):
+    """More values of a multiplexor than a list takes."""
+    path = os.path.join(folder, "ranges.dbc")
+    with open(path, "w", encoding="cp1252") as file:
+        file.write(HEAD + 'BO_ 291 Pages: 8 ECU\n SG_ Page M : 0|8@1+ (1,0) [0|0] "" ECU\n'
+                   ' SG_ Level m1 : 8|8@1+ (1,0) [0|0] "" ECU\n\n' + TAIL + "SG_MUL_VAL_ 291 Level Page 1-1, 3-30, 200-255;\n")
+    part = convert(path)
+    found = part["plant"]["Level"]["can"]["multiplex"]["value"]
+    lines = probe(write_configuration(folder, part), "decode", [f"123 0 {page:02x}07000000000000" for page in range(256)])
+    pages = [page for page, line in enumerate(lines) if "Level=7" in line]
+    right = found == [1, "3-30", "200-255"] and pages == [1, *range(3, 31), *range(200, 256)]
+    if not right:
+        print(f"ranges: {found}, present at {pages}")
+    return 0 if right else 1
+
+
 def check_command(folder):
     failures = 0
 
@@ -439,7 +455,7 @@ def check_encodings(folder):
 def main():
     seed = int(os.environ.get("TL_SEED", "4711"))
     with tempfile.TemporaryDirectory() as folder:
-        failures = check_random(random.Random(seed), folder) + check_j1939(folder) + check_command(folder)
+        failures = check_random(random.Random(seed), folder) + check_j1939(folder) + check_ranges(folder) + check_command(folder)
     print(f"{failures} failures (TL_SEED={seed})")
     sys.exit(1 if failures else 0)
 

@@ -156,12 +156,17 @@ def field_holds(field, bytes_, length=None):
     return first + length <= 8 * bytes_
 
 
+def value_holds(value, length):
+    low, high = map(int, value.split("-")) if isinstance(value, str) else (value, value)
+    return low <= high < 2**length
+
+
 def multiplex_holds(outer, bytes_, level=1):
     multiplex = outer.get("multiplex")
     if multiplex is None:
         return True
     values = multiplex["value"] if isinstance(multiplex["value"], list) else [multiplex["value"]]
-    return (level <= 4 and field_holds(multiplex, bytes_) and all(value < 2**multiplex["length"] for value in values)
+    return (level <= 4 and field_holds(multiplex, bytes_) and all(value_holds(value, multiplex["length"]) for value in values)
             and multiplex_holds(multiplex, bytes_, level + 1))
 
 

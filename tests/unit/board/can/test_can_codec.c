@@ -105,6 +105,17 @@ static void expect_available(uint16_t length, uint64_t bits, bool is_available) 
     TEST_ASSERT_EQUAL_DOUBLE((double)bits + 1, value);
 }
 
+static void test_ranges_of_multiplexors(void) {
+    tl_can_channel channel = channel_of(TL_CAN_INTEL, 8, 8, TL_CAN_UNSIGNED);
+    channel.conditions[0] =
+        (tl_can_condition){.field = {0, 8, TL_CAN_INTEL}, .values = {3, 200}, .further = {4, 55}, .value_count = 2};
+    channel.condition_count = 1;
+    for (unsigned value = 0; value < 256; value++) {
+        data[0] = (uint8_t)value;
+        TEST_ASSERT_EQUAL((value >= 3 && value <= 7) || value >= 200, tl_can_is_present(&channel, data));
+    }
+}
+
 /* SAE J1939-71, table 1, and the discrete values of table 2. */
 static void test_values_that_are_not_available(void) {
     expect_available(2, 1, true);
@@ -240,6 +251,7 @@ int main(void) {
     RUN_TEST(test_places);
     RUN_TEST(test_bytes_needed);
     RUN_TEST(test_bytes_needed_with_multiplexors);
+    RUN_TEST(test_ranges_of_multiplexors);
     RUN_TEST(test_values_that_are_not_available);
     RUN_TEST(test_lengths);
     RUN_TEST(test_types);

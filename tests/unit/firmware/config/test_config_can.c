@@ -117,7 +117,9 @@ static void test_multiplexors(void) {
     TEST_ASSERT_EQUAL_INT(TL_CAN_INTEL, can->conditions[0].field.order);
     TEST_ASSERT_EQUAL_size_t(3, can->conditions[0].value_count);
     TEST_ASSERT_EQUAL_UINT32(1, can->conditions[0].values[0]);
-    TEST_ASSERT_EQUAL_UINT32(15, can->conditions[0].values[2]);
+    TEST_ASSERT_EQUAL_UINT32(0, can->conditions[0].further[1]);
+    TEST_ASSERT_EQUAL_UINT32(12, can->conditions[0].values[2]);
+    TEST_ASSERT_EQUAL_UINT32(3, can->conditions[0].further[2]);
     TEST_ASSERT_EQUAL_INT(TL_CAN_MOTOROLA, can->conditions[1].field.order);
     TEST_ASSERT_EQUAL_size_t(1, can->conditions[1].value_count);
     TEST_ASSERT_EQUAL_UINT32(7, can->conditions[1].values[0]);
@@ -209,6 +211,11 @@ static void test_wrong_multiplexors(void) {
     static const tl_test_change changes[] = {
         {"\"value\": 7", "\"value\": 16", "plant.page.can.multiplex.multiplex.value", "16|" VALUE, NULL},
         {"\"value\": 7", "\"value\": -1", "plant.page.can.multiplex.multiplex.value", "-1|" VALUE, NULL},
+        {"\"12-15\"", "\"12-16\"", "plant.page.can.multiplex.value", "array|3|" VALUE, NULL},
+        {"\"12-15\"", "\"15-12\"", "plant.page.can.multiplex.value", "array|3|" VALUE, NULL},
+        {"\"12-15\"", "\"12-\"", "plant.page.can.multiplex.value", "array|3|" VALUE, NULL},
+        {"\"12-15\"", "\"12-15x\"", "plant.page.can.multiplex.value", "array|3|" VALUE, NULL},
+        {"\"value\": 7", "\"value\": \"7\"", "plant.page.can.multiplex.multiplex.value", "\"7\"|" VALUE, NULL},
         {"\"value\": 7", "\"value\": []", "plant.page.can.multiplex.multiplex.value", "array|0|" VALUE, NULL},
         {"\"value\": 7", "\"value\": [1, 16]", "plant.page.can.multiplex.multiplex.value", "array|2|" VALUE, NULL},
         {"\"value\": 7", "\"value\": [1,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1,1]", "plant.page.can.multiplex.multiplex.value",
