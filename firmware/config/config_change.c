@@ -231,6 +231,8 @@ static void needs_of_stale(const cJSON *before, const cJSON *after, tl_change_ne
 const tl_change_rule tl_change_rules[] = {
     /* the whole configuration */
     {"$schema", IN_PLACE, NULL},
+    {"fill_in", IN_PLACE, NULL}, /* no run has entries */
+    {"fill_in.*", IN_PLACE, NULL},
     {"twinlock", RESTART, NULL},
     {"name", RESTART, NULL},                /* summaries and the database contain it */
     {"step_s", RESTART_COMMISSIONED, NULL}, /* the lock monitor counts steps */
