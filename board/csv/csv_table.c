@@ -368,7 +368,7 @@ tl_status tl_csv_table_split(const tl_csv_table *table, char *line, int64_t numb
     line = skip_mark(line);
     tl_status status = check_kind(table, line, error);
     for (const char *other = SEPARATORS; *other != '\0'; other++) {
-        separator = count_unquoted(line, *other) > count_unquoted(line, separator) ? *other : separator;
+        separator = count_unquoted(line, *other) >= count_unquoted(line, separator) ? *other : separator;
     }
     *count = status == TL_OK ? cut_line(line, separator, cells, room) : 0;
     if (status == TL_OK && *count == 0) {

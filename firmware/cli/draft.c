@@ -272,16 +272,22 @@ static void guess_last(tl_draft *draft) {
     }
 }
 
-/* A signal without use stays if it may feed an input. */
+/* A signal without use stays if it may feed an input, and if there is room. */
 static void drop_unused(tl_draft *draft) {
     size_t kept = 0;
+    size_t room = TL_MAX_SIGNALS;
     bool lacks = false;
+    for (size_t i = 0; i < draft->signal_count; i++) {
+        room -= draft->signals[i].port != SIZE_MAX ? 1 : 0;
+    }
     for (size_t i = 0; i < draft->port_count; i++) {
         lacks = lacks || lacks_source(&draft->ports[i]);
     }
     for (size_t i = 0; i < draft->signal_count; i++) {
         const tl_draft_signal signal = draft->signals[i];
-        if (lacks || signal.port != SIZE_MAX || signal.entry != NULL) {
+        bool is_used = signal.port != SIZE_MAX;
+        if (is_used || (room > 0 && (lacks || signal.entry != NULL))) {
+            room -= is_used ? 0 : 1;
             if (signal.port != SIZE_MAX) {
                 draft->ports[signal.port].signal = kept;
             }
@@ -300,15 +306,18 @@ void tl_draft_link(tl_draft *draft) {
         tl_draft_port *port = &draft->ports[i];
         port->from = is_input(port) ? find_output(draft, port) : SIZE_MAX;
     }
-    for (size_t i = 0; i < draft->signal_count; i++) {
+    size_t used = 0;
+    for (size_t i = 0; i < draft->signal_count && used < TL_MAX_SIGNALS - 1; i++) { /* one for guess_last() */
         size_t port = find_port(draft, &draft->signals[i]);
         if (port != SIZE_MAX) {
             use_signal(draft, i, port);
+            used++;
         }
     }
-    for (size_t i = 0; i < draft->signal_count; i++) {
+    for (size_t i = 0; i < draft->signal_count && used < TL_MAX_SIGNALS - 1; i++) {
         if (draft->signals[i].port == SIZE_MAX) {
             guess_by_description(draft, i);
+            used += draft->signals[i].port != SIZE_MAX ? 1 : 0;
         }
     }
     for (size_t i = 0; i < draft->port_count; i++) {
@@ -604,12 +613,56 @@ static void write_column(const tl_draft *draft, const tl_draft_signal *signal, t
     tl_json_close(writer);
 }
 
+static double number_of(const cJSON *object, const char *key, double otherwise) {
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(object, key);
+    return cJSON_IsNumber(item) ? item->valuedouble : otherwise;
+}
+
+static bool set_number(cJSON *object, const char *key, double value) {
+    cJSON_DeleteItemFromObjectCaseSensitive(object, key);
+    return cJSON_AddNumberToObject(object, key, value) != NULL;
+}
+
+/* Converts what a driver reads into the FMU's unit: its own scale and offset come first. */
+static bool convert_entry(cJSON *entry, const tl_conversion *conversion, bool is_recorded) {
+    static const char *const keys[] = {"csv", "modbus", "can"};
+    bool is_made = true;
+    if (is_recorded && !tl_conversion_is_identity(conversion) &&
+        cJSON_GetObjectItemCaseSensitive(entry, "csv") == NULL) {
+        is_made = cJSON_AddObjectToObject(entry, "csv") != NULL;
+    }
+    for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++) {
+        cJSON *address = cJSON_GetObjectItemCaseSensitive(entry, keys[i]);
+        double scale = number_of(address, "scale", 1.0) * conversion->factor;
+        double offset = number_of(address, "offset", 0.0) * conversion->factor + conversion->offset;
+        if (cJSON_IsObject(address) && !tl_conversion_is_identity(conversion)) {
+            is_made = is_made && set_number(address, "scale", scale) && set_number(address, "offset", offset);
+        }
+    }
+    return is_made;
+}
+
+/* A given signal; in the FMU's unit, if the plant states one that the FMU does not define. */
+static void write_entry(const tl_draft *draft, const tl_draft_signal *signal, tl_json_writer *writer) {
+    const tl_draft_port *port = signal->port != SIZE_MAX ? &draft->ports[signal->port] : NULL;
+    tl_conversion conversion = {.factor = 1.0};
+    cJSON *entry = cJSON_Duplicate(signal->entry, 1);
+    if (signal->unit[0] != '\0' && port != NULL && port->variable->unit != NULL) {
+        (void)find_conversion(draft, signal, &conversion);
+        cJSON_DeleteItemFromObjectCaseSensitive(entry, "unit");
+        writer->failed = writer->failed || cJSON_AddStringToObject(entry, "unit", port->variable->unit->name) == NULL ||
+                         !convert_entry(entry, &conversion, draft->recording != NULL);
+    }
+    add_copy(writer, signal->name, entry);
+    cJSON_Delete(entry);
+}
+
 static void write_signal(const tl_draft *draft, tl_draft_kind kind, size_t index, tl_json_writer *writer) {
     const tl_draft_signal *signal = &draft->signals[index];
     const tl_type type = type_of(draft, signal);
     const char *unit = signal_unit(draft, signal);
     if (signal->entry != NULL) {
-        add_copy(writer, signal->name, signal->entry);
+        write_entry(draft, signal, writer);
         return;
     }
     tl_json_open_object(writer, signal->name);
@@ -749,9 +802,9 @@ static void ask_for_unit(const tl_draft *draft, const tl_draft_signal *signal, t
     }
     if (!find_conversion(draft, signal, &conversion)) {
         (void)snprintf(key, sizeof key, "plant.%s.unit", signal->name);
-        ask(writer, key, "the FMU has %.40s, the recording %.40s: set scale and offset in csv", unit, signal->unit);
+        ask(writer, key, "the FMU has %.40s, the plant %.40s: set scale and offset", unit, signal->unit);
     } else if (!tl_conversion_is_identity(&conversion)) {
-        (void)snprintf(key, sizeof key, "plant.%s.csv", signal->name);
+        (void)snprintf(key, sizeof key, "plant.%s.%s", signal->name, signal->entry == NULL ? "csv" : "unit");
         if (conversion.offset != 0.0) {
             (void)snprintf(offset, sizeof offset, ", offset %.6g", conversion.offset);
         }

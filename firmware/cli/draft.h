@@ -30,6 +30,7 @@ enum {
     TL_DRAFT_PORTS = 512,     /* inputs and outputs of all FMUs; further ones are left out */
     TL_DRAFT_CANDIDATES = 64, /* variables whose reaction is tried */
     TL_DRAFT_COLUMN = 256,    /* bytes of a column's name */
+    TL_DRAFT_SIGNALS = 256,   /* before tl_draft_link(); after it at most TL_MAX_SIGNALS */
     TL_DRAFT_FILL_IN = 320    /* bytes of an entry of `fill_in` */
 };
 
@@ -90,7 +91,7 @@ typedef struct tl_draft {
     const cJSON *sources;    /* of a given configuration; NULL: none */
     tl_draft_fmu fmus[TL_DRAFT_FMUS];
     size_t fmu_count;
-    tl_draft_signal signals[TL_MAX_SIGNALS];
+    tl_draft_signal signals[TL_DRAFT_SIGNALS];
     size_t signal_count;
     /* filled here: */
     tl_draft_port ports[TL_DRAFT_PORTS];
@@ -117,7 +118,7 @@ const char *tl_draft_signal_name(const tl_draft *draft, size_t index);
 
 /* Finds connections and matches. Without any signal, makes one for each input without connection
  * and each Real output, as far as there is room. Removes signals without use if no input lacks a
- * source. */
+ * source, and those for which there is no room. */
 void tl_draft_link(tl_draft *draft);
 
 /* Proposes tolerances, and the variables that may be adjusted, with step and bounds: inputs and

@@ -83,6 +83,11 @@ static tl_status choose_output(initialisation *self) {
         return tl_fail(&self->error, TL_BAD_USAGE, "%s exists: give another name with --output FILE, or remove it",
                        self->output);
     }
+    char copy[PATH_MAX];
+    (void)snprintf(copy, sizeof copy, "%s", self->output);
+    if (access(dirname(copy), W_OK) != 0) {
+        return tl_fail(&self->error, TL_BAD_USAGE, "%s cannot be written: %s", self->output, strerror(errno));
+    }
     find_stem(self->output, stem);
     self->draft.name = tl_arena_text(&self->arena, stem);
     return self->draft.name != NULL ? TL_OK : tl_fail(&self->error, TL_TRY_AGAIN, "not enough memory");
@@ -160,7 +165,13 @@ static tl_status read_given(initialisation *self) {
     self->draft.sources = cJSON_GetObjectItemCaseSensitive(self->given, "sources");
     const cJSON *item = NULL;
     cJSON_ArrayForEach(item, plant) {
+        if (strlen(item->string) >= TL_DRAFT_NAME) {
+            return tl_fail(&self->error, TL_BAD_DATA, "%s: plant.%.100s: the name is longer than %d characters", path,
+                           item->string, (int)TL_DRAFT_NAME - 1);
+        }
         tl_draft_signal *signal = add_signal(&self->draft);
+        const char *unit = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(item, "unit"));
+        (void)snprintf(signal->unit, sizeof signal->unit, "%s", unit != NULL ? unit : "");
         (void)snprintf(signal->name, sizeof signal->name, "%s", item->string);
         const cJSON *csv = cJSON_GetObjectItemCaseSensitive(item, "csv");
         const char *column = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(csv, "column"));
@@ -191,7 +202,7 @@ static void add_column(initialisation *self, size_t column) {
     tl_draft *draft = &self->draft;
     const char *title = self->columns.names[column];
     char name[TL_DRAFT_COLUMN];
-    if (draft->signal_count == TL_MAX_SIGNALS || title[0] == '\0' || strlen(title) >= TL_DRAFT_COLUMN) {
+    if (draft->signal_count == TL_DRAFT_SIGNALS || title[0] == '\0' || strlen(title) >= TL_DRAFT_COLUMN) {
         return;
     }
     tl_draft_signal *signal = add_signal(draft);
@@ -212,6 +223,13 @@ static tl_status read_columns(initialisation *self) {
     if (status != TL_OK) {
         return status;
     }
+    for (size_t i = 0; i < self->columns.count; i++) {
+        if (!tl_text_is_plain(self->columns.names[i]) || !tl_text_is_plain(self->columns.units[i])) {
+            return tl_fail(
+                &self->error, TL_BAD_DATA,
+                "%s: the header is not in UTF-8: convert the file, for example by `iconv -f CP1252 -t UTF-8`", path);
+        }
+    }
     name_file(self, path, self->recording);
     self->draft.recording = self->recording;
     self->draft.time_column = self->columns.names[self->columns.time];
@@ -223,22 +241,34 @@ static tl_status read_columns(initialisation *self) {
     return TL_OK;
 }
 
+/* HOST, HOST:PORT, [ADDRESS] or [ADDRESS]:PORT. An address with several colons has no port. */
 static tl_status read_host(initialisation *self) {
     enum { DECIMAL = 10, LAST_PORT = 65535 };
-    (void)snprintf(self->host, sizeof self->host, "%s", self->options->modbus);
-    char *colon = strrchr(self->host, ':');
-    if (colon != NULL && strchr(self->host, ':') == colon) {
-        char *end = NULL;
-        unsigned long port = strtoul(colon + 1, &end, DECIMAL);
-        if (end == colon + 1 || *end != '\0' || port == 0 || port > LAST_PORT) {
-            return tl_fail(&self->error, TL_BAD_USAGE, "--modbus %s: the port is no number from 1 to 65535",
-                           self->options->modbus);
-        }
-        *colon = '\0';
-        self->draft.port = (unsigned)port;
+    const char *text = self->options->modbus;
+    const bool is_bracketed = text[0] == '[';
+    (void)snprintf(self->host, sizeof self->host, "%s", text + (is_bracketed ? 1 : 0));
+    char *end = is_bracketed ? strchr(self->host, ']') : strchr(self->host, ':');
+    const char *port = end != NULL ? end + (is_bracketed ? 1 : 0) : "";
+    bool is_right = !is_bracketed || end != NULL;
+    if (!is_bracketed && end != NULL && strchr(end + 1, ':') != NULL) {
+        end = NULL;
+        port = "";
+    }
+    if (*port != '\0') {
+        char *rest = NULL;
+        unsigned long number = strtoul(port + 1, &rest, DECIMAL);
+        is_right = is_right && *port == ':' && port[1] >= '0' && port[1] <= '9' && *rest == '\0' && number > 0 &&
+                   number <= LAST_PORT;
+        self->draft.port = (unsigned)number;
+    }
+    if (end != NULL) {
+        *end = '\0';
     }
     self->draft.host = self->host;
-    return TL_OK;
+    return is_right && self->host[0] != '\0'
+               ? TL_OK
+               : tl_fail(&self->error, TL_BAD_USAGE,
+                         "--modbus %s: expected HOST or HOST:PORT, for example 192.0.2.10:502", text);
 }
 
 static tl_status read_inputs(initialisation *self) {
@@ -542,6 +572,21 @@ static void print_page(const initialisation *self, FILE *output) {
     (void)fprintf(output, "next: twinlock check %s\n", self->output);
 }
 
+/* Reports what is wrong in a given plant once, before it is used. */
+static tl_status check_plant(initialisation *self) {
+    char *text = tl_draft_text(&self->draft, TL_DRAFT_COMPARED, 0);
+    tl_config config;
+    tl_status status = parse(self, text, &config);
+    free(text);
+    if (status == TL_OK) {
+        tl_config_free(&config);
+    } else if (self->error.text[0] == '\0' && self->given != NULL) {
+        (void)tl_fail(&self->error, status, "%s: correct it; the lines above are those of a draft of %s",
+                      self->options->plant, self->output);
+    }
+    return status;
+}
+
 static tl_status initialise(initialisation *self) {
     static const double guess = 0.01;
     tl_draft *draft = &self->draft;
@@ -549,13 +594,19 @@ static tl_status initialise(initialisation *self) {
     draft->step_s = draft->is_step_known ? self->options->step_s : guess;
     tl_status status = read_inputs(self);
     if (status == TL_OK) {
+        const size_t known = draft->signal_count;
         tl_draft_link(draft);
+        if (known > draft->signal_count) {
+            tl_log(TL_LOG_NOTICE, "%zu signals of the plant fit no variable and are left out",
+                   known - draft->signal_count);
+        }
         status = draft->signal_count != 0
                      ? TL_OK
                      : tl_fail(&self->error, TL_BAD_DATA,
                                "%s has neither inputs nor Real outputs: there is nothing to compare with the plant",
                                self->options->fmus[0]);
     }
+    status = status == TL_OK ? check_plant(self) : status;
     if (status == TL_OK && draft->recording != NULL) {
         status = measure_recording(self);
     }

@@ -64,6 +64,12 @@ def test_run_waits_for_what_is_to_fill_in():
     expect(code == 0, err)
 
 
+def test_addresses_of_ipv6():
+    for text, wanted in (("[::1]:502", {"host": "::1", "port": 502}), ("::1", {"host": "::1"}), ("[::1]", {"host": "::1"})):
+        document, _, _ = init("lag.fmu", "--modbus", text)
+        expect(document["sources"]["plc"]["modbus_tcp"] == wanted, f"{text}: {document['sources']}")
+
+
 def test_names_as_people_write_them():
     """Units in brackets, other case, the description of the variable."""
     document, _, out = init("motor.fmu", "--recording", recording(("omega", "Speed [rad/s]"), ("M_brake", "motor m_w (N.m)")))
@@ -140,6 +146,28 @@ def column_file(*names):
     return path
 
 
+def test_a_logger_with_many_columns():
+    """The columns that fit are used, wherever they are; the header may have a comma in a unit."""
+    names = [f"x{i}" for i in range(80)]
+    rows = [line.split(",") for line in RECORDING.read_text(encoding="utf-8").splitlines()]
+    path = scratch() / "logger.csv"
+    rows[0][1:] = ["omega, rad/s", "M_w"]
+    path.write_text("".join(";".join([row[0], *(names if i == 0 else ["1"] * 80), *row[1:]]) + "\n" for i, row in enumerate(rows)),
+                    encoding="utf-8")
+    document, _, out = init("drive.fmu", "motor.fmu", "--recording", path, "--step", "0.01")
+    expect(("plant.M_w", "motor.M_w") in connected(document), f"connected: {document['connect']}")
+    expect(len(document["plant"]) <= 64, f"{len(document['plant'])} signals")
+    expect_line(out, "notice|signals|left out")
+
+
+def test_a_header_in_latin_1():
+    path = scratch() / "latin.csv"
+    path.write_bytes("t,omega [°/s]\n0,1\n1,2\n".encode("latin-1"))
+    document, _, out = init("motor.fmu", "--recording", path, code=BAD_DATA)
+    expect(document is None, "written")
+    expect_line(out, "latin.csv|UTF-8|iconv")
+
+
 def test_nothing_fits():
     document, path, _ = init("motor.fmu", "--recording", column_file("a", "b"))
     expect({"plant.a", "plant.b", "synchronise.match"} < set(document["fill_in"]), f"to fill in: {document['fill_in']}")
@@ -172,6 +200,31 @@ def test_signals_of_a_file():
         expect_line(out, f"error|{wrong}")
 
 
+def test_units_of_given_signals():
+    """The FMU's unit and its scale, after the driver's own scale; `fill_in` says so."""
+    path = scratch() / "signals.json"
+    plant = {"omega": {"unit": "rpm", "modbus": {"source": "plc", "table": "input", "address": 0, "type": "int16", "scale": 0.5}},
+             "M_w": {"unit": "furlong", "modbus": {"source": "plc", "table": "input", "address": 1, "type": "int16"}}}
+    path.write_text(json.dumps({"sources": {"plc": {"modbus_tcp": {"host": "192.0.2.1"}}}, "plant": plant}), encoding="utf-8")
+    document, new, _ = init("motor.fmu", "--plant", path, "--step", "0.01")
+    omega = document["plant"]["omega"]
+    expect(omega["unit"] == "rad/s" and abs(omega["modbus"]["scale"] / 0.05235987755982989 - 1) < 1e-12, f"omega: {omega}")
+    expect(document["plant"]["M_w"]["unit"] == "N.m" and "scale" not in document["plant"]["M_w"]["modbus"], "M_w")
+    expect({"plant.omega.unit", "plant.M_w.unit"} < set(document["fill_in"]), f"to fill in: {document['fill_in']}")
+    code, _, err = run(["check", new])
+    expect(code == 0, err)
+
+
+def test_a_given_plant_that_is_wrong():
+    path = scratch() / "signals.json"
+    for plant in ({"omega": 5, "M_w": [1, 2]}, {"x" * 64: {}}, {"omega": {"csv": {"column": 7}}}):
+        path.write_text(json.dumps({"plant": plant}), encoding="utf-8")
+        document, _, out = init("motor.fmu", "--plant", path, code=BAD_DATA)
+        expect(document is None, "written")
+        expect_line(out, "error|signals.json")
+        expect(out.count("error") <= len(plant) + 1, out)
+
+
 def test_files_that_cannot_be_used():
     path = scratch() / "bad.fmu"
     path.write_bytes(b"no archive")
@@ -192,6 +245,7 @@ def test_an_fmu_that_does_not_start():
 
 def test_usage():
     for args in ([], ["motor.fmu", "--step", "0"], ["motor.fmu", "--modbus", "box:0"], ["motor.fmu", "--modbus", "box:x"],
+                 ["motor.fmu", "--modbus", ""], ["motor.fmu", "--modbus", ":502"], ["motor.fmu", "--modbus", "[::1"],
                  ["motor.fmu"] * 63):
         document, _, _ = init(*args, code=BAD_USAGE)
         expect(document is None, "written")
