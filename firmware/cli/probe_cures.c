@@ -71,13 +71,12 @@ typedef enum verdict {
     IS_STRONG
 } verdict;
 
-static verdict grade_float(const tl_config_signal *signal, const tl_modbus_channel *channel, double raw, double value) {
+static verdict grade_float(const tl_config_signal *signal, double raw, double value) {
     const double low = isfinite(signal->minimum) ? fabs(signal->minimum) : 0;
     const double high = isfinite(signal->maximum) ? fabs(signal->maximum) : 0;
     const double size = fmax(low, high) > 0 ? fmax(low, high) : 1; /* of the limits */
     const double most = fmax(low, high) > 0 ? ABSURD * size : LARGEST;
-    const double least = channel->type == TL_MODBUS_FLOAT32 ? (double)FLT_MIN : DBL_MIN;
-    if (fabs(raw) > 0 && (fabs(raw) < least || fabs(value) > most)) {
+    if (fabs(raw) > 0 && (fabs(raw) < (double)FLT_MIN || fabs(value) > most)) {
         return IS_ABSURD;
     }
     if (value < signal->minimum || value > signal->maximum) {
@@ -96,8 +95,8 @@ static verdict grade_registers(const tl_config_signal *signal, const tl_modbus_c
     if (!tl_modbus_decode(&plain, registers, &raw) || !tl_modbus_decode(channel, registers, &value)) {
         return IS_BAD;
     }
-    if (channel->type == TL_MODBUS_FLOAT32 || channel->type == TL_MODBUS_FLOAT64) {
-        return grade_float(signal, channel, raw, value);
+    if (channel->type == TL_MODBUS_FLOAT32) {
+        return grade_float(signal, raw, value);
     }
     if (value < signal->minimum || value > signal->maximum) {
         return IS_BAD;
@@ -119,8 +118,10 @@ static verdict grade(const tl_plant_probe *found, const tl_probe_modbus *read, s
 
 /* ---- mappings ---- */
 
+/* Only signals that are read raw can be judged and changed. */
 static bool is_of_source(const cure_search *self, size_t signal) {
-    return self->present->config->signals[signal].source == self->source;
+    const tl_config *config = self->present->config;
+    return config->signals[signal].source == self->source && tl_probe_modbus_is_raw(config, signal);
 }
 
 /* Changes a channel. Returns false if it has no such neighbour. */

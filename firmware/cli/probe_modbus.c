@@ -28,20 +28,22 @@ bool tl_probe_modbus_has(const tl_config *config, size_t signal) {
     return source != SIZE_MAX && tl_probe_modbus_has_source(config, source);
 }
 
+bool tl_probe_modbus_is_raw(const tl_config *config, size_t signal) {
+    const tl_modbus_channel *channel = config->signals[signal].channel;
+    return tl_probe_modbus_has(config, signal) && tl_modbus_registers(channel->type) <= TL_PROBE_REGISTERS;
+}
+
 /* ---- raw registers ---- */
 
 static tl_modbus_type raw_type(const tl_modbus_channel *channel) {
-    switch (tl_modbus_registers(channel->type)) {
-    case 1:
-        return channel->type == TL_MODBUS_BIT ? TL_MODBUS_BIT : TL_MODBUS_UINT16;
-    case 2:
+    if (tl_modbus_registers(channel->type) == 2) {
         return TL_MODBUS_UINT32;
-    default:
-        return TL_MODBUS_FLOAT64;
     }
+    return channel->type == TL_MODBUS_BIT ? TL_MODBUS_BIT : TL_MODBUS_UINT16;
 }
 
-/* The channel of the changed configuration: most significant word and byte first, no scale. */
+/* The channel of the changed configuration: most significant word and byte first, no scale
+ * and no codes. */
 static tl_modbus_channel raw_channel(const tl_modbus_channel *channel) {
     return (tl_modbus_channel){.unit_id = channel->unit_id,
                                .table = channel->table,
@@ -56,11 +58,9 @@ static bool set_item(cJSON *object, const char *key, cJSON *item) {
 }
 
 static bool set_raw(cJSON *modbus, const tl_modbus_channel *channel) {
-    static const char *const decoding[] = {"type", "words", "bytes", "scale", "offset"};
-    static const char *const types[] = {[TL_MODBUS_BIT] = "bit",
-                                        [TL_MODBUS_UINT16] = "uint16",
-                                        [TL_MODBUS_UINT32] = "uint32",
-                                        [TL_MODBUS_FLOAT64] = "float64"};
+    static const char *const decoding[] = {"type", "words", "bytes", "scale", "offset", "bit", "byte", "not_available"};
+    static const char *const types[] = {
+        [TL_MODBUS_BIT] = "bit", [TL_MODBUS_UINT16] = "uint16", [TL_MODBUS_UINT32] = "uint32"};
     for (size_t i = 0; i < sizeof decoding / sizeof decoding[0]; i++) {
         cJSON_DeleteItemFromObjectCaseSensitive(modbus, decoding[i]);
     }
@@ -84,7 +84,7 @@ char *tl_probe_modbus_text(const tl_probe_modbus *self) {
     const cJSON *plant = cJSON_GetObjectItemCaseSensitive(root, "plant");
     bool is_made = root != NULL && (self->port == 0 || set_port(self, root));
     for (size_t i = 0; i < config->own_count && is_made; i++) {
-        if (tl_probe_modbus_has(config, i)) {
+        if (tl_probe_modbus_is_raw(config, i)) {
             const cJSON *signal = cJSON_GetObjectItemCaseSensitive(plant, config->signals[i].plan.name);
             is_made = set_raw(cJSON_GetObjectItemCaseSensitive(signal, "modbus"), &self->channels[i]);
         }
@@ -96,7 +96,7 @@ char *tl_probe_modbus_text(const tl_probe_modbus *self) {
 
 void tl_probe_modbus_convert(void *context, size_t signal, tl_reading *reading) {
     tl_probe_modbus *self = context;
-    if (!tl_probe_modbus_has(self->config, signal)) {
+    if (!tl_probe_modbus_is_raw(self->config, signal)) {
         return;
     }
     const tl_modbus_channel raw = raw_channel(&self->channels[signal]);

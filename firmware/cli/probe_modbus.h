@@ -3,7 +3,8 @@
  * Purpose: `twinlock probe` shows the registers from which a value was decoded, and tries other
  *          mappings (probe_cures.h). So it reads them as unsigned integers, by a changed
  *          configuration, and decodes them itself as the driver would.
- * Limits:  a float64 that is not finite is reported by the driver, without registers.
+ * Limits:  a double cannot carry any content of four registers. So the driver decodes values of 64
+ *          bits as configured: without registers, and without other mappings.
  * Thread:  one thread.
  */
 #ifndef TL_FIRMWARE_CLI_PROBE_MODBUS_H
@@ -17,7 +18,7 @@
 #include "firmware/config/config.h"
 #include "master/base/signal.h"
 
-enum { TL_PROBE_REGISTERS = 4 }; /* most registers of a value */
+enum { TL_PROBE_REGISTERS = 2 }; /* most registers of a value that is read raw */
 
 /* Names of the tables in a configuration, by tl_modbus_table. */
 extern const char *const tl_probe_modbus_tables[];
@@ -38,6 +39,9 @@ void tl_probe_modbus_begin(tl_probe_modbus *self, const tl_config *config);
 /* Returns true if the source, or the source of the signal, is read by Modbus. */
 bool tl_probe_modbus_has_source(const tl_config *config, size_t source);
 bool tl_probe_modbus_has(const tl_config *config, size_t signal);
+
+/* Returns true if the registers of the signal are read raw: Modbus, of at most 32 bits. */
+bool tl_probe_modbus_is_raw(const tl_config *config, size_t signal);
 
 /* Returns the text of the configuration that reads the registers of this mapping. The caller frees
  * it. Returns NULL if memory is out. */

@@ -23,8 +23,8 @@ except ImportError as reason:
     sys.exit(1 if os.environ.get("CI") == "true" else 77)
 
 from live_test import Device, Program, member, wait_until  # noqa: E402 (a skip comes first)
-from twinlock_test import (BAD_DATA, BAD_USAGE, PLAIN_BOX, PLAIN_LIVE, PLANT_DOWN, edited_config, expect,  # noqa: E402
-                           has_line, main, run)
+from twinlock_test import (BAD_DATA, BAD_USAGE, PLAIN_BOX, PLAIN_LIVE, PLANT_DOWN, Skip, edited_config,  # noqa: E402
+                           expect, has_line, main, merge, run)
 
 OMEGA, TORQUE = struct.unpack(">f", bytes.fromhex("427BEC8B"))[0], 542
 TRY_AGAIN = 75
@@ -85,11 +85,14 @@ def bench(omega=SPEED, address=0, table=4):
     return Server({1: {table: {address: [*omega, TORQUE]}}})
 
 
-def probe_config(port, omega=None, torque=None, **changes):
-    """The bench without FMU files. `omega`, `torque`: changes of the keys of their `modbus`."""
-    return edited_config(PLAIN_LIVE, {
-        "components": {"motor": {"fmu": "absent.fmu"}}, "sources": {"inverter": {"modbus_tcp": {"port": port}}},
-        "plant": {"omega": {"modbus": omega or {}}, "torque": {"modbus": torque or {}}}, **changes})
+def probe_config(port, omega=None, torque=None, timeout_s=5, **changes):
+    """The bench without FMU files. `omega`, `torque`: changes of the keys of their `modbus`. A loaded machine
+    must not make a device silent or a value stale."""
+    return edited_config(PLAIN_LIVE, merge({
+        "components": {"motor": {"fmu": "absent.fmu"}},
+        "sources": {"inverter": {"modbus_tcp": {"port": port, "timeout_s": timeout_s}}},
+        "plant": {"omega": {"stale_s": 30, "modbus": omega or {}},
+                  "torque": {"stale_s": 30, "modbus": torque or {}}}}, changes))
 
 
 def probe(config, seconds=2):
@@ -185,9 +188,49 @@ def test_a_wrong_port():
 def test_a_silent_device():
     with Device(OMEGA) as device:
         device.silent = True
-        code, report, _ = probe(probe_config(device.port))
+        code, report, _ = probe(probe_config(device.port, timeout_s=0.2))
         expect_qualities(code, report, "no link", "no link")
         expect(has_line(report["signals"]["omega"]["verdict"], "answer|0.2 s"), f"{report}")
+
+
+# Address, registers, keys of `modbus`, value (None: not a number).
+EVERY_TYPE = {
+    "int8": (10, "FB03", {"type": "int8", "byte": "high", "not_available": [-128]}, -5),
+    "uint8": (10, "FB03", {"type": "uint8", "byte": "low"}, 3),
+    "bit": (10, "FB03", {"type": "bit", "bit": 1}, 1),
+    "bcd16": (11, "1234", {"type": "bcd16", "not_available": [9999]}, 1234),
+    "bcd32": (12, "5678 1234", {"type": "bcd32", "words": "little"}, 12345678),
+    "int16": (14, "FBFF", {"type": "int16", "bytes": "little", "scale": 0.5, "offset": 10}, 7.5),
+    "uint16": (15, "8001", {"type": "uint16", "not_available": [32768, 65535]}, 32769),
+    "int32": (16, "FFFB FFFF", {"type": "int32", "words": "little", "not_available": [-1]}, -5),
+    "uint32": (18, "FFFF 0000", {"type": "uint32", "words": "little", "not_available": [4294901760]}, 65535),
+    "float32": (20, "2040 0000", {"type": "float32", "bytes": "little", "not_available": [-1]}, 2.5),
+    "int64": (22, "FFFF FFFF FFFF FFFB", {"type": "int64", "not_available": [-1]}, -5),
+    "uint64": (26, "FFF0 0000 0000 0000", {"type": "uint64", "words": "little", "scale": 0.5}, 32760),
+    "float64": (30, "FFF0 0000 0000 4004", {"type": "float64", "words": "little"}, 2.5 + 0xFFF0 / 2**51),
+    "no_int16": (34, "8000", {"type": "int16", "not_available": [32768]}, None),
+    "no_uint32": (35, "0000 FFFF", {"type": "uint32", "words": "little", "not_available": [4294901760]}, None),
+    "no_int64": (37, "FFFF FFFF FFFF FFFF", {"type": "int64", "not_available": [-1]}, None),
+    "no_float64": (41, "7FF8 0000 0000 0000", {"type": "float64"}, None),
+}
+
+
+def test_every_type_and_key():
+    """A double cannot carry four registers, so values of 64 bits are shown without them."""
+    memory = {address: [int(word, 16) for word in words.split()] for address, words, _, _ in EVERY_TYPE.values()}
+    plant = {name: {"modbus": {"source": "inverter", "table": "input", "address": address, **keys}}
+             for name, (address, _, keys, _) in EVERY_TYPE.items()}
+    plant["discrete"] = {"modbus": {"source": "inverter", "table": "discrete", "address": 9}}
+    with Server({1: {4: {0: [*SPEED, TORQUE], **memory}}}) as server:
+        code, report, log = probe(probe_config(server.port, plant=plant))
+    expect(code == BAD_DATA and report, f"exit code {code}: {log}")
+    signals = report["signals"]
+    for name, (address, words, _, value) in EVERY_TYPE.items():
+        one, count = signals[name], len(words.split())
+        expect((one["value"], one["quality"]) == (value, "not a number" if value is None else "good"), f"{name}: {one}")
+        expect(one["registers"] == (f"{address}..{address + count - 1}: {words}" if count < 4 else None), f"{name}: {one}")
+    good = [signals[name]["quality"] for name in ("omega", "torque", "discrete")]
+    expect(good == ["good"] * 3 and signals["discrete"]["value"] == 0, f"{signals}")
 
 
 # ---- other mappings ----
@@ -217,6 +260,16 @@ def test_cures():
             expect_cures(report, *wanted)
 
 
+def test_64_bits_are_not_cured():
+    """Another signal of the source is cured as without it."""
+    with Server({1: {4: {0: [*SPEED, TORQUE, 0xFFFF, 0xFFFF, 0xFFFF, 0xFFFB]}}}) as server:
+        total = {"modbus": {"source": "inverter", "table": "input", "address": 3, "type": "int64"}}
+        code, report, _ = probe(probe_config(server.port, {"words": "little"}, plant={"total": total}))
+        expect(code == BAD_DATA, f"exit code {code}")
+        expect_cures(report, 'likely|"words": "big"')
+        expect((report["signals"]["total"]["value"], report["signals"]["total"]["cure"]) == (-5, None), f"{report}")
+
+
 def test_a_cure_cures():
     with bench(address=1) as server:
         code, out, _ = run(["probe", probe_config(server.port), "--duration", 2])
@@ -231,7 +284,7 @@ def test_another_unit():
     """Other units are silent, or their gateway says that they do not answer."""
     for missing in (None, 11):
         with Server({3: {4: {0: [*SPEED, TORQUE]}}}, missing=missing) as server:
-            code, report, _ = probe(probe_config(server.port, {"unit_id": 9}, {"unit_id": 9}))
+            code, report, _ = probe(probe_config(server.port, {"unit_id": 9}, {"unit_id": 9}, timeout_s=1))
             expect(code == BAD_DATA, f"exit code {code}")
             expect_cures(report, 'perhaps|"unit_id": 3', 'perhaps|"unit_id": 3')
 
@@ -242,8 +295,7 @@ def test_another_port():
     try:
         socket.create_server(("127.0.0.1", 502)).close()
     except OSError as reason:
-        print(f"    port 502: {reason}")
-        return
+        raise Skip(f"port 502 cannot be bound: {reason}") from reason
     with Server({1: {4: {0: [*SPEED, TORQUE]}}}, 502):
         code, report, _ = probe(probe_config(closed))
         expect(code == BAD_DATA, f"exit code {code}")
@@ -294,7 +346,7 @@ def test_interrupted_while_it_tries():
 def test_a_dead_process_while_it_tries():
     with Device(OMEGA) as device:
         device.silent = True
-        config = probe_config(device.port, sources={"inverter": {"modbus_tcp": {"port": device.port, "timeout_s": 2}}})
+        config = probe_config(device.port, timeout_s=2)
         with Program("probe", config, "--json", "--duration", 4) as program:
             program.wait_for("other mappings")
             os.kill(member(program, "io"), signal.SIGKILL)
