@@ -442,7 +442,8 @@ def test_a_dead_process():
 def test_beside_a_run():
     with Device(OMEGA) as device:
         config = edited_config(PLAIN_LIVE, {"duration_s": None, "realtime": None, "record": {"commit_s": 0.1},
-                                            "sources": {"inverter": {"modbus_tcp": {"port": device.port}}}})
+                                            "plant": {"omega": {"stale_s": 30}, "torque": {"stale_s": 30}},
+                                            "sources": {"inverter": {"modbus_tcp": {"port": device.port, "timeout_s": 5}}}})
         with Program("run", config) as live:
             wait_until(lambda: (config.parent / "twin.db-writer").exists(), "the database", live.log)
             code, report, log = probe(config)
