@@ -89,11 +89,17 @@ def pgn_of(message):
     return pgn if pgn & 0xFF00 >= 0xF000 else pgn & 0x3FF00  # the last byte of PDU1 is the destination
 
 
-def frame_of(message, shared):
-    """How its frames are known. `shared`: PGNs of several messages, which differ in the source address."""
-    pgn = pgn_of(message)
-    if pgn is not None:
-        return {"pgn": pgn, "source_address": message.frame_id & 0xFF} if pgn in shared else {"pgn": pgn}
+def sender_of(message):
+    return pgn_of(message), message.frame_id & 0xFF
+
+
+def frame_of(message, senders):
+    """How its frames are known. `senders`: PGN and source address of all messages; those with the same ones differ in the
+    destination, which only the id has."""
+    pgn, address = sender = sender_of(message)
+    if pgn is not None and senders.count(sender) == 1:
+        is_shared = [other for other, _ in senders].count(pgn) > 1
+        return {"pgn": pgn, "source_address": address} if is_shared else {"pgn": pgn}
     frame = {"id": f"0x{message.frame_id:X}"}
     if message.is_extended_frame and message.frame_id <= 0x7FF:
         frame["extended"] = True
@@ -108,8 +114,8 @@ def has_not_available(signal, message):
     return signal.maximum is None or signal.maximum < highest
 
 
-def can_of(signal, message, source, shared):
-    can = {"source": source, **frame_of(message, shared)}
+def can_of(signal, message, source, senders):
+    can = {"source": source, **frame_of(message, senders)}
     size = frame_bytes(message)
     if size != 8:
         can["bytes"] = size
@@ -136,7 +142,7 @@ def is_boolean(signal):
             and signal.offset == 0 and signal.minimum is None and signal.maximum is None)
 
 
-def entry_of(signal, message, source, shared):
+def entry_of(signal, message, source, senders):
     entry = {}
     if is_boolean(signal):
         entry["type"] = "boolean"
@@ -147,7 +153,7 @@ def entry_of(signal, message, source, shared):
             entry[key] = value
     if message.cycle_time:
         entry["stale_s"] = STALE_CYCLES * message.cycle_time / 1000
-    entry["can"] = can_of(signal, message, source, shared)
+    entry["can"] = can_of(signal, message, source, senders)
     return entry
 
 
@@ -185,14 +191,14 @@ def name_of(message, signal, doubled):
     return name
 
 
-def convert(pairs, source, shared, strict):
+def convert(pairs, source, senders, strict):
     """The entries of `plant`, and the reasons for signals that are left out."""
     names = [signal.name for _, signal in pairs]
     doubled = {name for name in names if names.count(name) > 1}
     plant, left_out = {}, []
     for message, signal in pairs:
         try:
-            plant[name_of(message, signal, doubled)] = entry_of(signal, message, source, shared)
+            plant[name_of(message, signal, doubled)] = entry_of(signal, message, source, senders)
         except Refused as reason:
             if strict:
                 raise
@@ -231,10 +237,9 @@ def run(options):
                       "or colon, for example can0")
     source = options.interface if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", options.interface) else "can"
     database = load(options.file, options.encoding)
-    pgns = [pgn_of(message) for message in database.messages]
-    shared = {pgn for pgn in pgns if pgns.count(pgn) > 1}
+    senders = [sender_of(message) for message in database.messages]
     pairs = choose(database, options.message, options.signal)
-    plant, left_out = convert(pairs, source, shared, bool(options.signal))
+    plant, left_out = convert(pairs, source, senders, bool(options.signal))
     for reason in left_out:
         print(f"dbc2json: left out: {reason}", file=sys.stderr)
     if not plant:

@@ -304,7 +304,14 @@ BO_ 2566843905 ET2: 8 ECU
  SG_ Oil : 0|8@1- (1,0) [0|0] "" ECU
 BO_ 2566844672 Plain: 8 ECU
  SG_ Load : 0|8@1+ (1,0) [0|250] "" ECU
-""" + TAIL + "".join(f'BA_ "VFrameFormat" BO_ {frame} 3;\n' for frame in (2364540158, 2348810243, 2566843904, 2566843905))
+BO_ 2348941315 ToFirst: 8 ECU
+ SG_ First : 0|8@1- (1,0) [0|0] "" ECU
+BO_ 2348941571 ToSecond: 8 ECU
+ SG_ Second : 0|8@1- (1,0) [0|0] "" ECU
+BO_ 2348941316 OtherSender: 8 ECU
+ SG_ Other : 0|8@1- (1,0) [0|0] "" ECU
+""" + TAIL + "".join(f'BA_ "VFrameFormat" BO_ {frame} 3;\n'
+                   for frame in (2364540158, 2348810243, 2566843904, 2566843905, 2348941315, 2348941571, 2348941316))
 
 EXPECTED_J1939 = {
     "EngineSpeed": {"source": "can0", "pgn": 0xF004, "start": 24, "length": 16, "scale": 0.125, "not_available": True},
@@ -314,6 +321,9 @@ EXPECTED_J1939 = {
                 "not_available": True},
     "Oil": {"source": "can0", "pgn": 0xFEEE, "source_address": 1, "start": 0, "length": 8, "type": "signed"},
     "Load": {"source": "can0", "id": "0x18FEF100", "start": 0, "length": 8},
+    "First": {"source": "can0", "id": "0xC020003", "start": 0, "length": 8, "type": "signed"},
+    "Second": {"source": "can0", "id": "0xC020103", "start": 0, "length": 8, "type": "signed"},
+    "Other": {"source": "can0", "pgn": 0x200, "source_address": 4, "start": 0, "length": 8, "type": "signed"},
 }
 
 # (id, data, what the program reads)
@@ -331,6 +341,9 @@ J1939_FRAMES = [
     ("18feee02", "6400000000000000", ""),
     ("18fef100", "ff00000000000000", "Load=255"),
     ("1cfef100", "ff00000000000000", ""),
+    ("c020003", "0100000000000000", "First=1"),
+    ("c020103", "0200000000000000", "Second=2"),
+    ("c020504", "0300000000000000", "Other=3"),
 ]
 
 # (options, exit code, parts of the message)
@@ -368,8 +381,8 @@ def check_j1939(folder):
         if sorted(line.split()) != sorted(wanted.split()):
             failures += 1
             print(f"decode {frame} {data}: {line}, expected {wanted}")
-    sent = probe(config, "encode", ["1000 1 5 60 -1 7"])[0].split()[::4]
-    if sent != ["18f00400", "1800ff00", "18feee00", "18feee01", "18fef100"]:
+    sent = probe(config, "encode", ["1000 1 5 60 -1 7 1 2 3"])[0].split()[::4]
+    if sent != ["18f00400", "1800ff00", "18feee00", "18feee01", "18fef100", "c020003", "c020103", "1802ff04"]:
         failures += 1
         print(f"encode: ids {sent}")
     return failures
