@@ -116,6 +116,11 @@ def read_options(words):
         parser.error(f"--also: {','.join(options.also)}: expected step, algorithm, or both with a comma")
     if options.output and options.output.exists():
         raise Refused(f"{options.output}: exists; remove it, or give --output another file", BAD_USAGE)
+    if options.plot and options.plot.suffix.lower() not in (".svg", ".png"):
+        parser.error(f"--plot: {options.plot}: expected a name that ends with .svg or .png")
+    for path in (options.output, options.results, options.plot):
+        if path and not path.parent.is_dir():
+            raise Refused(f"{path}: the folder {path.parent} is missing; make it, or give another one", BAD_USAGE)
     options.results = options.results or Path(f"{options.config.stem}.tune.jsonl")
     return options
 
@@ -136,11 +141,12 @@ def merge(value, change):
 
 
 def read_config(path):
+    """The configuration, whose types find_starts() has checked."""
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise Refused(f"{path}: {error}") from None
-    synchronise = document.get("synchronise", {}) if isinstance(document, dict) else {}
+    synchronise = document.get("synchronise", {})
     if not synchronise.get("adjust") or not synchronise.get("match"):
         raise Refused(f"{path}: synchronise.adjust or match is missing: only a twin that is corrected can be tuned")
     if "event" in synchronise.get("horizon", {}):
@@ -286,7 +292,7 @@ class Worker:
         return code, out, err
 
     def replay(self, document, recording):
-        """(summary, path of its database), or (None, why not). A replay that dies is repeated once."""
+        """(summary, path of its database), or (None, why not). One that dies is repeated once."""
         name = self.name()
         config, database = name.with_suffix(".json"), name.with_suffix(".db")
         config.write_text(json.dumps(document), encoding="utf-8")
@@ -294,7 +300,7 @@ class Worker:
             for path in self.folder.glob(f"{name.name}.db*"):
                 path.unlink()
             code, out, err = self.run("replay", config, "--json", "--db", database, *recording)
-            if code in (0, NOT_LOCKED, BAD_USAGE, BAD_DATA):
+            if code in (None, 0, NOT_LOCKED, BAD_USAGE, BAD_DATA):
                 break
         config.unlink()
         if code in (0, NOT_LOCKED):
@@ -389,18 +395,17 @@ class Trial:
 
 # ---- start ----
 
-def ask_check(worker, config, recording):
-    code, out, err = worker.run("check", config, "--json", *recording)
+def check(worker, config, *words):
+    """What `twinlock check` prints."""
+    code, out, err = worker.run("check", config, *words)
     if code != 0:
         raise Refused(err.strip() or f"check of {config} took more than {worker.limit_s} s", code or TRY_AGAIN)
-    return json.loads(out)
+    return out
 
 
 def find_starts(worker, config):
-    """Start values of the Real inputs and tunable parameters."""
-    code, out, err = worker.run("check", config, "--variables")
-    if code is None:
-        raise Refused(f"check of {config} took more than {worker.limit_s} s", TRY_AGAIN)
+    """Start values of the Real inputs and tunable parameters. Refuses an invalid configuration."""
+    out = check(worker, config, "--variables")
     component, starts = None, {}
     for line in out.splitlines():
         section = re.match(r"variables of (\S+) ", line)
@@ -457,24 +462,31 @@ def ranges(base, extras, most_prediction, also):
 # ---- results ----
 
 class Results:
-    """JSON lines: what was searched, then a line for each candidate. An incomplete last line is removed."""
+    """JSON lines: what was searched and check's proposal, then a line for each candidate. An incomplete last line is removed
+    if the others are of this search."""
 
     def __init__(self, path, key):
-        self.path, self.found = path, {}
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
-        if lines and not lines[-1].endswith("\n"):
-            path.write_text("".join(lines[:-1]), encoding="utf-8")
-            lines.pop()
+        self.path, self.tune, self.found, self.start = path, key, {}, None
+        data = path.read_bytes() if path.exists() else b""
+        if not data:
+            return
+        whole = data[:data.rfind(b"\n") + 1]
         try:
-            rows = [json.loads(line) for line in lines]
-            is_other = bool(rows) and rows[0]["tune"] != key
-            self.found = {self.key(row["settings"]): row for row in rows[1:]}
+            first, *rows = [json.loads(line) for line in whole.splitlines()]
+            is_other = first["tune"] != key
+            self.start = {name: first[name] for name in ("proposal", "release_s")}
+            self.found = {self.key(row["settings"]): row for row in rows}
         except (ValueError, KeyError, TypeError):
             is_other = True
         if is_other:
             raise Refused(f"{path}: has results of another search; remove it, or give --results another file", BAD_USAGE)
-        if not lines:
-            self.append({"tune": key})
+        os.truncate(path, len(whole))
+
+    def begin(self, start):
+        """Stores the proposal of check, which depends on the time that steps take, so that a continued search has the same."""
+        if not self.start:
+            self.start = start
+            self.append({"tune": self.tune, **start})
 
     @staticmethod
     def key(settings):
@@ -570,7 +582,7 @@ def print_table(given, rows, best):
 
 
 def report(given, results, budget_s, options):
-    """Prints the Pareto table and draws the plot; the recommended row, or None."""
+    """Prints the Pareto table; the recommended row, or None."""
     good = [row for row in results.found.values() if row["values"]]
     most = options.executions or (given["values"][1] if given["values"] else math.inf)
     best = recommended(good, budget_s, most, given)
@@ -581,12 +593,13 @@ def report(given, results, budget_s, options):
           f"all in\n{options.results}")
     limits = f"{most:.4g} executions and {1000 * budget_s:.3g} ms a step"
     print(f"* recommended: least released error within {limits}" if best else f"none recommended: no candidate is within {limits}")
-    if good:
-        draw(options, good, rows, best)
     return best
 
 
-def draw(options, good, rows, best):
+def draw(options, results, best):
+    good = [row for row in results.found.values() if row["values"]]
+    if not good:
+        return
     try:
         from matplotlib.figure import Figure
     except ImportError:
@@ -594,7 +607,8 @@ def draw(options, good, rows, best):
             say(f"{options.plot}: not drawn: matplotlib is missing; install python3-matplotlib")
         return
     axes = Figure().subplots()
-    for some, marker, label in ((good, ".", "all"), (rows, "o", "not beaten"), ([best] if best else [], "*", "recommended")):
+    for some, marker, label in ((good, ".", "all"), (pareto(good), "o", "not beaten"),
+                                ([best] if best else [], "*", "recommended")):
         axes.scatter([row["values"][1] for row in some], [row["values"][0] for row in some], marker=marker, label=label)
     axes.set(xlabel="executions per step", ylabel="released error, of 1 free", xscale="log")
     axes.legend()
@@ -618,38 +632,51 @@ def write_output(path, document, config):
     print(f"{path}: written\nnext: twinlock check {path}")
 
 
+def find_recordings(options, document):
+    if options.recording:
+        return [("--recording", str(Path(name).resolve())) for name in options.recording]
+    own = document.get("recording", {}).get("file")
+    if not own:
+        raise Refused(f"{options.config}: no recording; give --recording", BAD_USAGE)
+    return [("--recording", str((options.config.parent / own).resolve()))]
+
+
+def key_of(options, document, recordings):
+    """What a search depends on: two with the same key have the same candidates, if check's proposal is the same."""
+    contents = [document, sorted(options.variables), sorted(options.also), options.seed,
+                [hashlib.sha256(Path(path).read_bytes()).hexdigest() for _, path in recordings]]
+    return hashlib.sha256(json.dumps(contents, sort_keys=True).encode()).hexdigest()
+
+
+def ask_check(worker, config, recording, step_s):
+    said = json.loads(check(worker, config, "--json", *recording))
+    return {"proposal": said["proposal"], "release_s": said["horizons"].get("release_s") or 40 * step_s}
+
+
 def prepare(worker, options):
-    """(given configuration, start with check's proposals, entries of --variables, references, first steps)."""
+    """(CONFIG, the same for the worker's folder, with check's proposals, entries of --variables, start values, references,
+    first steps, first step that is compared, results)."""
     config = options.config
-    document = read_config(config)
-    recordings = [("--recording", str(Path(name).resolve())) for name in options.recording]
-    if not recordings:
-        own = document.get("recording", {}).get("file")
-        if not own:
-            raise Refused(f"{config}: no recording; give --recording", BAD_USAGE)
-        recordings = [("--recording", str((config.parent / own).resolve()))]
-    said = ask_check(worker, config, recordings[0])
     starts = find_starts(worker, config)
+    document = read_config(config)
+    recordings = find_recordings(options, document)
+    results = Results(options.results, key_of(options, document, recordings))
     extras = find_extras(starts, document, options.variables)
     given = moved(document, config.parent, worker.folder)
     given.pop("record", None)
-    step_s = given["step_s"]
-    release_s = said["horizons"].get("release_s") or 40 * step_s
-    first_step = round(release_s / step_s / 2)
-    given["synchronise"]["release_s"] = release_s
-    base = merge(given, said["proposal"])
+    start = results.start or ask_check(worker, config, recordings[0], given["step_s"])
+    first_step = round(start["release_s"] / given["step_s"] / 2)
+    given["synchronise"]["release_s"] = start["release_s"]
+    base = merge(given, start["proposal"])
     references = [Reference(worker, base, starts, recording, first_step) for recording in recordings]
     units = {name: entry.get("step", 1) for name, entry in {**given["synchronise"]["adjust"], **extras}.items()}
-    return document, given, base, extras, starts, references, units, first_step, said["proposal"]
+    results.begin(start)
+    return document, given, base, extras, starts, references, units, first_step, results
 
 
 def tune(worker, options):
-    document, given, base, extras, starts, references, units, first_step, proposal = prepare(worker, options)
+    document, given, base, extras, starts, references, units, first_step, results = prepare(worker, options)
     space, start = ranges(base, extras, first_step, options.also)
-    contents = [base, extras, sorted(options.also), options.seed,
-                [hashlib.sha256(Path(reference.recording[1]).read_bytes()).hexdigest() for reference in references]]
-    key = hashlib.sha256(json.dumps(contents, sort_keys=True).encode()).hexdigest()
-    results = Results(options.results, key)
     trial = Trial(worker, references, units)
     budget_s = given["synchronise"].get("budget", {}).get("time_s", 0.6 * given["step_s"])
     given_figures = trial.of(given)
@@ -665,8 +692,9 @@ def tune(worker, options):
             say("interrupted; the same command continues")
     best = report(given_figures, results, budget_s, options)
     if is_complete and best and options.output:
-        chosen = settings_of(merge(document, proposal), extras, starts, best["settings"])
+        chosen = settings_of(merge(document, results.start["proposal"]), extras, starts, best["settings"])
         write_output(options.output, chosen, options.config)
+    draw(options, results, best)
     return 0 if is_complete and best else TRY_AGAIN if not is_complete else NOT_LOCKED
 
 

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """`twinlock tune`: the candidates that it keeps, how it continues, and what the recommended one does on another recording."""
+import functools
 import importlib.util
 import json
 import os
@@ -53,18 +54,28 @@ def by_number(rows):
     return {row["number"]: (row["settings"], row["values"]) for row in rows}
 
 
+@functools.cache
+def whole():
+    """Rows and output of a search, which also writes sub.json."""
+    return search("whole", "--trials", "24", "--output", "sub.json", "--plot", "whole.svg")
+
+
+def first_line(name):
+    return json.loads((FOLDER / f"{name}.jsonl").read_text(encoding="utf-8").splitlines()[0])
+
+
+def test_pareto():
+    figures = [[3, 1, 5], [1, 4, 5], [2, 2, 5], [2, 3, 5], [1, 4, 6], [2, 2, 5], [4, 4, 1]]
+    rows = [{"number": index, "values": values} for index, values in enumerate(figures)]
+    found = [row["number"] for row in tune.pareto(rows)]
+    expect(found == [1, 2, 0, 6], f"{found}")
+
+
 def test_the_table_and_the_recommended_one():
-    rows, out = search("whole", "--trials", "24", "--output", "sub.json")
+    rows, out = whole()
     expect(len(rows) == 24 and len(set(keys(rows))) == 24, f"{len(rows)} candidates, {len(set(keys(rows)))} different")
     good = [row for row in rows if row["values"]]
     expect(len(good) >= 12, f"{len(rows) - len(good)} failed")
-    kept = tune.pareto(good)
-    for row in kept:
-        beaten = [other["number"] for other in good if other["values"] != row["values"]
-                  and all(a <= b for a, b in zip(other["values"], row["values"]))]
-        expect(not beaten, f"{row['number']} is beaten by {beaten}")
-    expect(all(row in kept or any(all(a <= b for a, b in zip(other["values"], row["values"])) for other in kept) for row in good),
-           "a candidate that no other beats is not kept")
     expect(max(map(len, out.splitlines())) <= 80 or not out.isascii(), "wider than 80 columns")
     expect_line(out, "24 candidates")
     run_well(["check", FOLDER / "sub.json"])
@@ -72,6 +83,7 @@ def test_the_table_and_the_recommended_one():
 
 def test_an_unseen_recording():
     """Both released error and executions, against the configuration that the search started from."""
+    whole()
     figures = []
     for name in ("tclab.json", "sub.json"):
         path, folder = FOLDER / name, scratch()
@@ -89,20 +101,62 @@ def test_an_unseen_recording():
 
 def test_it_continues():
     """In parts, with another number of jobs: the same candidates and values, none twice."""
+    rows, _ = whole()
+    path = FOLDER / "parts.jsonl"
+    path.write_text(json.dumps(first_line("whole")) + "\n", encoding="utf-8")  # the same proposal on a loaded machine
     first, _ = search("parts", "--trials", "8", "--jobs", "1")
     expect(len(first) == 8, f"{len(first)} candidates")
-    with open(FOLDER / "parts.jsonl", "a", encoding="utf-8") as file:
+    with open(path, "a", encoding="utf-8") as file:
         file.write('{"number": 8, "sett')  # as a kill leaves it
     both, _ = search("parts", "--trials", "24")
     expect(both[:8] == first and len(set(keys(both))) == 24, "a candidate was replayed again")
-    expect(by_number(both) == by_number(rows_of("whole")), "another search than without the interruption")
+    expect(by_number(both) == by_number(rows), "another search than without the interruption")
+
+
+def test_the_stored_proposal():
+    """A continued search starts from it, whatever check would propose now."""
+    whole()
+    first = first_line("whole")
+    first["proposal"].setdefault("synchronise", {}).setdefault("horizon", {})["prediction"] = 3
+    first["release_s"] = 20
+    (FOLDER / "stored.jsonl").write_text(json.dumps(first) + "\n", encoding="utf-8")
+    rows, _ = search("stored", "--trials", "1")
+    expect(first_line("stored") == first, "the first line has changed")
+    expect(rows[0]["settings"]["prediction"] == 3, f"{rows[0]['settings']}")
+
+
+def test_the_output_is_written_before_the_plot():
+    whole()
+    (FOLDER / "plot.jsonl").write_bytes((FOLDER / "whole.jsonl").read_bytes())
+    (FOLDER / "folder.svg").mkdir()
+    code = BAD_DATA if importlib.util.find_spec("matplotlib") else 0
+    search("plot", "--trials", "24", "--output", "plot.json", "--plot", "folder.svg", code=code)
+    expect((FOLDER / "plot.json").read_bytes() == (FOLDER / "sub.json").read_bytes(), "another output")
+
+
+def test_foreign_results():
+    """They stay as they are."""
+    path = FOLDER / "foreign.jsonl"
+    for data in (b'{"mine": 1}', b'{"mine": 1}\n', b'{"mine": 1}\n{"mi', b"\xff\xfe\x00", b"\xff\n", b"[]\n", b"7\n", b"\n",
+                 b'{"tune": "key"}', b'{"tune": "key"}\n', b'{"tune": "key", "proposal": {}, "release_s": 1}'):
+        path.write_bytes(data)
+        try:
+            tune.Results(path, "key")
+            expect(False, f"{data} is accepted")
+        except tune.Refused as refused:
+            expect(refused.code == BAD_USAGE and "foreign.jsonl" in str(refused), f"{data}: {refused}")
+        expect(path.read_bytes() == data, f"{data} became {path.read_bytes()}")
+    path.write_bytes(b"\xff\xfe\x00")
+    code, _, err = run(["tune", FOLDER / "tclab.json", "--results", path], cwd=FOLDER)
+    expect(code == BAD_USAGE and path.read_bytes() == b"\xff\xfe\x00", f"{code}: {err}")
+    expect_line(err, "error|foreign.jsonl|--results")
 
 
 def test_interrupted():
     path = FOLDER / "long.jsonl"
     process = start(["tune", FOLDER / "tclab.json", "--results", path, "--trials", "5000", "--output", FOLDER / "never.json"],
                     cwd=FOLDER)
-    while process.poll() is None and len(rows_of("long")) < 10:
+    while process.poll() is None and (not path.exists() or path.read_bytes().count(b"\n") <= 10):
         time.sleep(0.05)
     os.kill(process.pid, signal.SIGINT)
     code, out, err = finish(process)
@@ -133,25 +187,47 @@ def test_a_replay_that_dies_is_repeated_once():
         expect((summary is None) == (ending != "echo '{}'"), ending)
         found = len((folder / "calls").read_text(encoding="utf-8").splitlines())
         expect(found == calls, f"{ending}: {found} calls, wanted {calls}")
-    worker.limit_s = 0.1
+
+
+def test_a_replay_that_takes_too_long_is_not_repeated():
+    worker, calls = tune.Worker(scratch(), 0.1), []
+    worker.program = worker.folder / "program"
     worker.program.write_text("#!/bin/sh\nsleep 600\n", encoding="utf-8")
-    expect(worker.replay({}, [])[0] is None, "a replay without an end has a result")
+    worker.program.chmod(0o700)
+    once = worker.run
+    worker.run = lambda *words: calls.append(words) or once(*words)
+    summary, why = worker.replay({}, [])
+    expect(summary is None and why == "took 0.1 s" and len(calls) == 1, f"{summary}, {why}, {len(calls)} calls")
 
 
 def test_usage():
+    whole()
     own = FOLDER / "tclab.json"
     for args in ([], [own, "--trials", "0"], [own, "--also", "x"], [own, "--seed", "x"], [own, own], [own, "--nonsense"],
-                 [own, "--output", own], [own, "--variables", "tclab.nothing"]):
+                 [own, "--output", own], [own, "--output", "nowhere/a.json"], [own, "--results", "nowhere/a.jsonl"],
+                 [own, "--plot", "nowhere/a.svg"], [own, "--plot", "a.xyz"], [own, "--variables", "tclab.nothing"]):
         code, out, err = run(["tune", *args], cwd=FOLDER)
         expect(code == BAD_USAGE and err.startswith("twinlock: error: "), f"{args}: {code}, {out}{err}")
     code, _, err = run(["tune", own, "--results", FOLDER / "whole.jsonl", "--seed", "2"], cwd=FOLDER)
     expect(code == BAD_USAGE, f"results of another search: {code}")
     expect_line(err, "whole.jsonl|--results")
-    (FOLDER / "free.json").write_text('{"twinlock": 1}', encoding="utf-8")
-    for name, what in (("nowhere.json", "nowhere.json"), ("free.json", "synchronise.adjust")):
-        code, _, err = run(["tune", FOLDER / name], cwd=FOLDER)
-        expect(code == BAD_DATA, f"{name}: {code}")
+
+
+def test_bad_configurations():
+    document = json.loads((FOLDER / "tclab.json").read_text(encoding="utf-8"))
+    synchronise = document.pop("synchronise")
+    for name, change, what in (("nowhere", None, "nowhere.json"),
+                               ("array", {"synchronise": [1]}, "synchronise|object"),
+                               ("number", {"synchronise": {**synchronise, "horizon": 5}}, "synchronise.horizon|object"),
+                               ("text", {"synchronise": {**synchronise, "match": "x"}}, "synchronise.match|object")):
+        if change is not None:
+            (FOLDER / f"{name}.json").write_text(json.dumps({**document, **change}), encoding="utf-8")
+        code, _, err = run(["tune", FOLDER / f"{name}.json"], cwd=FOLDER)
+        expect(code == BAD_DATA and "Traceback" not in err, f"{name}: {code}: {err}")
         expect_line(err, what)
+    code, _, err = run(["tune", SOURCE / "config/tclab/free.json"], cwd=FOLDER)
+    expect(code == BAD_DATA, f"a twin that is not corrected: {code}: {err}")
+    expect_line(err, "synchronise.adjust")
 
 
 if __name__ == "__main__":
