@@ -23,13 +23,16 @@ void tearDown(void) {
     free(said);
 }
 
-/* Reads the words after a verb. `said` holds the output on standard error. */
+/* Reads the words after a verb, to which the options may point. `said` holds the output on standard
+ * error. */
 #define READ(verb, ...) read_words(verb, (const char *const[]){__VA_ARGS__, NULL})
 
 static tl_options_outcome read_words(tl_verb verb, const char *const *words) {
     static char copies[ARGUMENTS][LONGEST];
-    char *argv[ARGUMENTS + 1] = {copies[0]};
+    static char *argv[ARGUMENTS + 1];
     int argc = 1;
+    memset(argv, 0, sizeof argv);
+    argv[0] = copies[0];
     for (; *words != NULL && argc < ARGUMENTS; words++) {
         (void)snprintf(copies[argc], sizeof copies[argc], "%s", *words);
         argv[argc] = copies[argc];

@@ -79,16 +79,17 @@ static void test_channels(void) {
 }
 
 static void test_pgns(void) {
-    const tl_can_channel *can = read_good()->signals[5].channel;
+    const tl_config *read = read_good();
+    const tl_can_channel *can = read->signals[5].channel;
     TEST_ASSERT_EQUAL_INT(TL_CAN_BY_PGN_AND_SOURCE, can->match);
     TEST_ASSERT_EQUAL_HEX32(0x18F00417, can->id);
     TEST_ASSERT_TRUE(can->extended && can->not_available);
-    can = read_good()->signals[6].channel;
+    can = read->signals[6].channel;
     TEST_ASSERT_EQUAL_INT(TL_CAN_BY_PGN, can->match);
     TEST_ASSERT_EQUAL_HEX32(0x18EAFF00, can->id);
     TEST_ASSERT_TRUE(can->extended);
     TEST_ASSERT_FALSE(can->not_available);
-    can = read_good()->signals[0].channel;
+    can = read->signals[0].channel;
     TEST_ASSERT_EQUAL_INT(TL_CAN_BY_ID, can->match);
 }
 
