@@ -67,8 +67,8 @@ def wait_until_locked(database):
 
 def test_starved():
     with NoisyDevice(1) as device:
-        config = edited_config(PLAIN_LIVE, {
-            "duration_s": None, "step_s": STEP_S, "record": {"commit_s": 0.1}, "synchronise": {"budget": {"time_s": 0.6 * STEP_S}},
+        config = edited_config(PLAIN_LIVE, {  # u must not rest at nominal, as it soon would because corrections are noise
+            "duration_s": None, "step_s": STEP_S, "record": {"commit_s": 0.1}, "synchronise": {"rest": False, "budget": {"time_s": 0.6 * STEP_S}},
             "sources": {"inverter": {"modbus_tcp": {"port": device.port, "period_s": 0.002}}}})
         database = config.parent / "twin.db"
         with Program("run", config, "--json") as live:
