@@ -194,7 +194,8 @@ static void make_signals(tl_draft *draft) {
         if (is_wanted) {
             tl_draft_signal *signal = &draft->signals[draft->signal_count];
             const char *dot = strrchr(port->variable->name, '.');
-            *signal = (tl_draft_signal){.least = NAN, .most = NAN, .middle = NAN, .sigma = NAN};
+            *signal = (tl_draft_signal){
+                .least = (double)NAN, .most = (double)NAN, .middle = (double)NAN, .sigma = (double)NAN};
             tl_draft_name(dot != NULL ? dot + 1 : port->variable->name, tl_draft_signal_name, draft,
                           draft->signal_count, signal->name);
             use_signal(draft, draft->signal_count++, i);
