@@ -123,21 +123,10 @@ static tl_status check_readings(const tl_config *config, const char *path, const
     return TL_OK;
 }
 
-/* The proposed settings as a merge patch. The caller frees the text, even after an error. */
-static tl_status write_patch(const tl_proposal_page *page, char **patch, tl_error *error) {
-    size_t size = 0;
-    FILE *file = open_memstream(patch, &size);
-    tl_status status = file != NULL ? tl_proposal_print_patch(page, file, error) : TL_TRY_AGAIN;
-    if (file == NULL || fclose(file) != 0) {
-        status = tl_fail(error, TL_TRY_AGAIN, "not enough memory for the proposal");
-    }
-    return status;
-}
-
 static tl_status try_horizons(tl_verb_job *job, const tl_proposal_page *page, tl_horizon_choice *choice,
                               tl_error *error) {
     char *patch = NULL;
-    tl_status status = write_patch(page, &patch, error);
+    tl_status status = tl_proposal_write_patch(page, &patch, error);
     if (status == TL_OK) {
         const tl_twin_child_settings child = tl_verb_job_settings(job, NULL);
         const tl_horizon_trials_settings settings = {

@@ -421,20 +421,10 @@ static tl_status try_reactions(initialisation *self) {
 
 /* ---- what the recording proposes ---- */
 
-/* The proposal as a merge patch. The caller frees the text, even after an error. */
-static tl_status write_patch(initialisation *self, const tl_proposal_page *page, char **patch) {
-    size_t size = 0;
-    FILE *file = open_memstream(patch, &size);
-    tl_status status = file != NULL ? tl_proposal_print_patch(page, file, &self->error) : TL_TRY_AGAIN;
-    return file != NULL && fclose(file) == 0
-               ? status
-               : tl_fail(&self->error, TL_TRY_AGAIN, "not enough memory for the proposal");
-}
-
 static tl_status try_horizons(initialisation *self, const tl_verb_job *job, tl_proposal_page *page,
                               tl_horizon_choice *choice) {
     char *patch = NULL;
-    tl_status status = write_patch(self, page, &patch);
+    tl_status status = tl_proposal_write_patch(page, &patch, &self->error);
     if (status == TL_OK) {
         const tl_twin_child_settings child = tl_verb_job_settings(job, NULL);
         const tl_horizon_trials_settings settings = {
@@ -447,7 +437,7 @@ static tl_status try_horizons(initialisation *self, const tl_verb_job *job, tl_p
 
 static tl_status merge(initialisation *self, const tl_proposal_page *page) {
     char *text = NULL;
-    tl_status status = write_patch(self, page, &text);
+    tl_status status = tl_proposal_write_patch(page, &text, &self->error);
     cJSON *patch = status == TL_OK ? cJSON_Parse(text) : NULL;
     if (status == TL_OK && (patch == NULL || !tl_json_merge(self->final, patch))) {
         status = tl_fail(&self->error, TL_TRY_AGAIN, "not enough memory for the proposal");

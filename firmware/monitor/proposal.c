@@ -674,3 +674,13 @@ tl_status tl_proposal_print_json(const tl_proposal_page *page, FILE *file, tl_er
     tl_json_writer_free(&json);
     return status;
 }
+
+tl_status tl_proposal_write_patch(const tl_proposal_page *page, char **patch, tl_error *error) {
+    size_t size = 0;
+    FILE *file = open_memstream(patch, &size);
+    tl_status status = file != NULL ? tl_proposal_print_patch(page, file, error) : TL_TRY_AGAIN;
+    if (file == NULL || fclose(file) != 0) {
+        status = tl_fail(error, TL_TRY_AGAIN, "not enough memory for the proposal");
+    }
+    return status;
+}

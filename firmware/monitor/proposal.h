@@ -90,4 +90,7 @@ tl_status tl_proposal_print_json(const tl_proposal_page *page, FILE *file, tl_er
 /* Prints only the merge patch. Errors: as above. */
 tl_status tl_proposal_print_patch(const tl_proposal_page *page, FILE *file, tl_error *error);
 
+/* The same as a text, which the caller frees, even after an error. Errors: as above. */
+tl_status tl_proposal_write_patch(const tl_proposal_page *page, char **patch, tl_error *error);
+
 #endif
