@@ -135,10 +135,10 @@ void tl_exchange_clear(tl_exchange *exchange, const tl_graph *graph);
 
 /* Initialises all components at the instant of macro step `first`: fmi2SetupExperiment …
  * fmi2ExitInitializationMode, with outputs and inputs exchanged in between until they agree. First
- * delivers the plant's sample of tick `shown`, which must exist. Some FMUs reject reading in
+ * delivers `plant`, a value of each signal of the plant. Some FMUs reject reading in
  * initialisation mode and then fail. In this case all FMUs are instantiated again, and these FMUs
  * are read only after that mode. */
-tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t shown, tl_error *error);
+tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, const double *plant, tl_error *error);
 
 /* Assigns outputs to the inputs that read them. Outputs that are NaN are skipped. */
 void tl_exchange_deliver(tl_exchange *exchange);

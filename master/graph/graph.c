@@ -33,6 +33,11 @@ static size_t find_signal(const tl_graph *graph, const char *name) {
     return SIZE_MAX;
 }
 
+static void report_no_signal(tl_report *report, const char *where, const char *name) {
+    tl_report_add(report, TL_BAD_DATA, where, "found \"%s\", but the plant has no such signal; add it under \"plant\"",
+                  name);
+}
+
 static void report_no_variable(const tl_component *component, const char *name, const char *where, tl_report *report) {
     const char *nearest = tl_model_nearest(component->model, name);
     tl_report_add(
@@ -166,10 +171,7 @@ static const tl_port *resolve_source(tl_graph *graph, const tl_plan_connection *
     if (strncmp(plan->from, PLANT, sizeof PLANT - 1) == 0) {
         size_t signal = find_signal(graph, plan->from);
         if (signal == SIZE_MAX) {
-            tl_report_add(report, TL_BAD_DATA, plan->where,
-                          "found \"%s\", but the plant has no such signal; add it under "
-                          "\"plant\"",
-                          plan->from);
+            report_no_signal(report, plan->where, plan->from);
             return NULL;
         }
         return use_signal(graph, signal);
@@ -331,21 +333,93 @@ bool tl_graph_fit_value(const tl_variable *variable, const tl_value *value, tl_v
     return false;
 }
 
-static void check_set(const tl_component *component, const tl_plan_set *set, tl_report *report) {
+/* Before the FMU is initialised. */
+static bool has_set_start(const tl_variable *variable) {
+    return (variable->causality == TL_PARAMETER || variable->causality == TL_INPUT || variable->has_start) &&
+           variable->variability != TL_CONSTANT;
+}
+
+static bool names_signal(const tl_variable *variable, const tl_value *value) {
+    return variable->type != TL_STRING && value->type == TL_STRING &&
+           strncmp(value->text, PLANT, sizeof PLANT - 1) == 0;
+}
+
+size_t tl_graph_start_signal(const tl_graph *graph, size_t component, const tl_plan_set *set, tl_conversion *conversion,
+                             tl_report *report) {
+    const tl_model *model = graph->components[component].model;
+    const tl_variable *variable = tl_model_variable(model, set->variable);
+    if (!names_signal(variable, &set->value)) {
+        return SIZE_MAX;
+    }
+    size_t signal = find_signal(graph, set->value.text);
+    if (signal == SIZE_MAX) {
+        report_no_signal(report, set->where, set->value.text);
+        return SIZE_MAX;
+    }
+    const tl_plan_signal *plan = &graph->plan->signals[signal];
+    tl_unit unit = signal_unit(plan, model);
+    if (variable->causality == TL_INPUT) {
+        tl_report_add(report, TL_BAD_DATA, set->where,
+                      "%s is an input, which \"set\" holds constant: connect %s to it, or set a number", set->variable,
+                      set->value.text);
+    } else if (variable->type != TL_REAL || plan->type != TL_REAL) {
+        tl_report_add(report, TL_BAD_DATA, set->where, "%s is %s and %s is %s, expected two Reals", set->variable,
+                      tl_type_name(variable->type), set->value.text, tl_type_name(plan->type));
+    } else if (!variable->has_start && !plan->has_initial) {
+        tl_report_add(report, TL_BAD_DATA, set->where,
+                      "%s has no start value for the time until %s is good: give this signal \"initial\"",
+                      set->variable, set->value.text);
+    } else if (!tl_units_convert(&unit, variable->unit, conversion)) {
+        report_units(report, set->where, set->value.text, plan->unit, set->variable, variable->unit->name);
+    } else {
+        return signal;
+    }
+    return SIZE_MAX;
+}
+
+const tl_variable *tl_graph_found_start(const tl_graph *graph, const tl_plan_find *find, size_t *node,
+                                        tl_report *report) {
+    const tl_variable *variable = resolve(graph, find->variable, find->where, node, report);
+    if (variable == NULL) {
+        return NULL;
+    }
+    double lower = fmax(find->lower, variable->minimum);
+    double upper = fmin(find->upper, variable->maximum);
+    if (variable->type != TL_REAL || variable->causality == TL_INPUT || !has_set_start(variable)) {
+        tl_report_add(report, TL_BAD_DATA, find->where,
+                      "%s is a %s %s %s, expected a Real parameter or a Real with a start value", find->variable,
+                      tl_variability_name(variable->variability), tl_type_name(variable->type),
+                      tl_causality_name(variable->causality));
+        return NULL;
+    }
+    if (!(lower < upper)) {
+        tl_report_add(report, TL_BAD_DATA, find->where,
+                      "no range is left between the bounds %g and %g (configured, and declared by the FMU): widen "
+                      "\"min\" and \"max\"",
+                      lower, upper);
+        return NULL;
+    }
+    return variable;
+}
+
+static void check_set(const tl_graph *graph, size_t index, const tl_plan_set *set, tl_report *report) {
+    const tl_component *component = &graph->components[index];
     const tl_variable *variable = tl_model_variable(component->model, set->variable);
     const char *expected = "";
+    tl_conversion conversion;
     tl_value fitted;
     if (variable == NULL) {
         report_no_variable(component, set->variable, set->where, report);
     } else if (variable->is_ambiguous) {
         (void)is_unique(component, variable, set->where, report);
-    } else if ((variable->causality != TL_PARAMETER && variable->causality != TL_INPUT && !variable->has_start) ||
-               variable->variability == TL_CONSTANT) {
+    } else if (!has_set_start(variable)) {
         tl_report_add(report, TL_BAD_DATA, set->where,
                       "%s.%s is a %s %s and cannot be set; expected a parameter or an "
                       "input",
                       component->name, set->variable, tl_variability_name(variable->variability),
                       tl_causality_name(variable->causality));
+    } else if (names_signal(variable, &set->value)) {
+        (void)tl_graph_start_signal(graph, index, set, &conversion, report);
     } else if (!tl_graph_fit_value(variable, &set->value, &fitted, &expected)) {
         tl_report_add(report, TL_BAD_DATA, set->where, "%s.%s is %s: expected %s", component->name, set->variable,
                       tl_type_name(variable->type), expected);
@@ -360,7 +434,7 @@ static void add_component(tl_graph *graph, size_t index, tl_report *report) {
     component->fmi = plan->functions;
     component->logging = plan->logging;
     for (size_t i = 0; i < plan->set_count; i++) {
-        check_set(component, &plan->set[i], report);
+        check_set(graph, index, &plan->set[i], report);
     }
     for (size_t i = 0; i < index; i++) {
         if (graph->components[i].fmi == plan->functions && plan->model->capabilities.can_be_instantiated_only_once) {

@@ -96,6 +96,17 @@ tl_signal_bounds tl_graph_signal_bounds(const tl_graph *graph, size_t signal);
  * if there is no path. `from`, `to`: nodes. `scratch`: component_count + 1 entries. */
 size_t tl_graph_distance(const tl_graph *graph, size_t from, size_t to, size_t *scratch);
 
+/* The signal of the plant that an entry of `set` names ("plant.level") in place of a value, and the
+ * conversion to the variable's unit. SIZE_MAX: it has a value, or a problem was reported. The
+ * variable must exist. */
+size_t tl_graph_start_signal(const tl_graph *graph, size_t component, const tl_plan_set *set, tl_conversion *conversion,
+                             tl_report *report);
+
+/* The variable whose start value is to be found, and its component. NULL if a problem was
+ * reported. */
+const tl_variable *tl_graph_found_start(const tl_graph *graph, const tl_plan_find *find, size_t *node,
+                                        tl_report *report);
+
 /* Converts the value of a `set` entry to the variable's type. Returns false if the value does not
  * fit. *expected: the expected type in words, for a message. */
 bool tl_graph_fit_value(const tl_variable *variable, const tl_value *value, tl_value *fitted, const char **expected);

@@ -283,12 +283,12 @@ static tl_status settle(tl_exchange *exchange, tl_error *error) {
     return TL_OK;
 }
 
-static tl_status initialize_all(tl_exchange *exchange, double start, int64_t shown, tl_error *error) {
+static tl_status initialize_all(tl_exchange *exchange, double start, const double *plant, tl_error *error) {
     tl_status status = TL_OK;
     for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
         status = tl_component_enter_initialization(&exchange->components[i], start, error);
     }
-    tl_plant_deliver(&exchange->plant, shown);
+    tl_plant_deliver_values(&exchange->plant, plant);
     /* A chain of direct feed-through converges after as many rounds as it has components. */
     for (size_t round = 0; round < exchange->component_count + 1 && status == TL_OK; round++) {
         memcpy(exchange->home.values, exchange->values, exchange->values_size);
@@ -314,18 +314,18 @@ static size_t count_late(const tl_exchange *exchange) {
     return count;
 }
 
-tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t shown, tl_error *error) {
+tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, const double *plant, tl_error *error) {
     double start = tl_seconds(tl_time_of_step(0, exchange->step, first));
     size_t late = count_late(exchange);
     exchange->begun = first;
     exchange->was_finite = false;
-    tl_status status = initialize_all(exchange, start, shown, error);
+    tl_status status = initialize_all(exchange, start, plant, error);
     if (status == TL_FMU_FAILED && count_late(exchange) != late) { /* some FMUs are unusable after a rejected call */
         status = TL_OK;
         for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
             status = tl_component_renew(&exchange->components[i], error);
         }
-        status = status == TL_OK ? initialize_all(exchange, start, shown, error) : status;
+        status = status == TL_OK ? initialize_all(exchange, start, plant, error) : status;
     }
     tl_exchange_deliver(exchange);
     return status;

@@ -216,6 +216,7 @@ static void check_search(const tl_plan *plan, tl_report *report) {
 bool tl_plan_check(const tl_plan *plan, tl_report *report) {
     bool fits = check_count(plan->signal_count, TL_MAX_SIGNALS, "plant", report);
     fits = check_count(plan->adjust_count, TL_MAX_ADJUST, "synchronise.adjust", report) && fits;
+    fits = check_count(plan->find_count, TL_MAX_ADJUST, "synchronise.start.find", report) && fits;
     fits = check_count(plan->match_count, TL_MAX_MATCH, "synchronise.match", report) && fits;
     fits = check_count(plan->output_count, TL_MAX_SIGNALS, "outputs", report) && fits;
     if (plan->step <= 0) {

@@ -102,8 +102,18 @@ int32_t tl_delay_ticks(tl_time look_back, tl_time delay, tl_time step);
 typedef struct tl_plan_set {
     const char *where;
     const char *variable;
-    tl_value value; /* TL_REAL for any number (also for an Integer or Enumeration variable), TL_BOOLEAN or TL_STRING */
+    /* TL_REAL for any number (also for an Integer or Enumeration variable), TL_BOOLEAN or TL_STRING.
+     * For a Real, a text names the signal of the plant that has the value ("plant.level"). */
+    tl_value value;
 } tl_plan_set;
+
+/* A start value that is found in the first steps (twin/start_values.h). */
+typedef struct tl_plan_find {
+    const char *where;
+    const char *variable; /* required; "component.variable", a Real that can be set before the initialisation */
+    double lower;         /* required, as upper: finite; the declared bounds apply as well */
+    double upper;
+} tl_plan_find;
 
 /* How the executions of a component are saved (approach 2, see cache/cached_component.h). */
 typedef enum tl_keep {
@@ -230,6 +240,11 @@ typedef struct tl_plan_measure {
     tl_time start;     /* ns: this Δo; if the inputs are shifted, minus their delay Δi */
 } tl_plan_measure;
 
+/* Most steps in which start values are found; and for n values, the most times that they are
+ * executed for it. */
+enum { TL_FIND_STEPS = 10000, TL_FIND_ROUNDS = 10, TL_FIND_TRIES = 4 };
+#define TL_FIND_RUNS(n) (2 + TL_FIND_ROUNDS * ((n) + TL_FIND_TRIES))
+
 /* Default number of evaluations in a plan and in a budget. */
 enum { TL_PLAN_EVALUATIONS = 60 };
 
@@ -253,6 +268,9 @@ typedef struct tl_plan {
     size_t adjust_count;
     const tl_plan_match *match;
     size_t match_count;
+    const tl_plan_find *find; /* start values to find; not with an event horizon */
+    size_t find_count;        /* at most TL_MAX_ADJUST */
+    uint32_t find_steps;      /* number of first steps for it: 1 … TL_FIND_STEPS */
     const tl_plan_output *outputs;
     size_t output_count; /* at most TL_MAX_SIGNALS */
     uint32_t prediction; /* T_P ≥ T_D ≥ 1; 0: as short as possible, T_P = T_D */

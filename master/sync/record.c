@@ -72,6 +72,8 @@ const char *tl_flag_name(tl_flag flag) {
         return "not finite";
     case TL_FLAG_RELEASED_SLOW:
         return "released twins slow";
+    case TL_FLAG_STARTS:
+        return "start values";
     }
     return "unknown";
 }

@@ -70,8 +70,14 @@ typedef enum tl_flag {
     TL_FLAG_REFUSED = 512,        /* candidates of this step could not be evaluated (tl_record_refused) */
     TL_FLAG_NOT_FINITE = 1024,    /* an output of an FMU was not finite (bad_outputs) */
     TL_FLAG_RELEASED_SLOW = 2048, /* after this step the released twins ended (TL_RELEASED_SLOW) */
-    TL_LAST_FLAG = TL_FLAG_RELEASED_SLOW
+    TL_FLAG_STARTS = 4096, /* with TL_FLAG_RESET: the twin did it itself, for start values of the plant (`found`) */
+    TL_LAST_FLAG = TL_FLAG_STARTS
 } tl_flag;
+
+/* True if tl_twin_reset() must be called to repeat the step: the twin does not reset itself. */
+static inline bool tl_record_was_reset(uint32_t flags) {
+    return (flags & (TL_FLAG_RESET | TL_FLAG_STARTS)) == TL_FLAG_RESET;
+}
 
 /* State of a measured delay. */
 typedef enum tl_delay_state {
@@ -96,6 +102,13 @@ typedef struct tl_record_refused {
     uint32_t variable;  /* the adjusted variable that was furthest from nominal, in multiples of its `step` */
     double u;           /* value of this variable */
 } tl_record_refused;
+
+/* Start values that were found before a step (twin/start_values.h). */
+typedef struct tl_record_found {
+    uint32_t evaluations;         /* 0: none were found, and the rest is undefined */
+    double values[TL_MAX_ADJUST]; /* in the order of the plan's `find` */
+    double before, after; /* rms of the matched errors, in tolerances, with the values of before and with these */
+} tl_record_found;
 
 /* One committed step. Arrays are in the order of the plan's `match` and `adjust`; only that many
  * entries are filled, since records are copied often and never cleared. */
@@ -125,6 +138,7 @@ typedef struct tl_record {
     uint32_t release_age;          /* steps since its release; 0: there is none, and `released` is undefined */
     double u[TL_MAX_ADJUST];
     double nominal[TL_MAX_ADJUST]; /* û */
+    tl_record_found found;         /* valid with TL_FLAG_STARTS */
     tl_delay_state delay_state;
     tl_time delay; /* measured, ns; ŷ of later steps is looked up this long before y; 0 if not known */
 } tl_record;

@@ -232,16 +232,15 @@ const char *tl_twin_adjust_unit(const tl_twin *twin, size_t adjust) {
     return unit_name(twin->adjust_ports[adjust]);
 }
 
-/* ---- Reset of a twin in the middle of its run.
- *
- * States: a reset keeps saved states valid (FMI 2.0.4, 2.1.8: a handle is the FMU's until it is
- *         freed), so their handles are reused. They end with an instance, so they are freed before
- *         it.
- */
+/* ---- reset of a twin in the middle of its run ---- */
 
 void tl_twin_reset(tl_twin *twin) {
     int64_t next = twin->exchange.plant.newest + 1 - (int64_t)twin->lead;
     twin->resets = next >= twin->first;
+}
+
+bool tl_twin_is_starting(const tl_twin *twin) {
+    return twin->starts.waits || twin->starts.searches;
 }
 
 void tl_twin_end_released(tl_twin *twin, bool end) {
@@ -252,39 +251,6 @@ void tl_twin_end_released(tl_twin *twin, bool end) {
 
 void tl_twin_rest(tl_twin *twin, bool rests) {
     twin->synchroniser.rests = rests || tl_free_twin_rests(&twin->free_twin);
-}
-
-/* States that are kept beside those of the search. */
-static void end_other_states(tl_twin *twin, size_t component) {
-    tl_verifier_end_component(&twin->verifier, component);
-    tl_free_twin_end_component(&twin->free_twin, component);
-    tl_released_twin_end_component(&twin->released_twin, component);
-    tl_twin_end_mark(twin, component);
-}
-
-static tl_status replace_component(tl_twin *twin, size_t component, tl_error *error) {
-    tl_exchange_end_component(&twin->exchange, component);
-    tl_event_horizon_forget(twin->event, component);
-    end_other_states(twin, component);
-    return tl_component_renew(&twin->graph.components[component], error);
-}
-
-static tl_status reset_component(tl_twin *twin, size_t component, tl_error *error) {
-    tl_status status = tl_component_reset(&twin->graph.components[component], error);
-    return status == TL_FMU_FAILED ? replace_component(twin, component, error) : status;
-}
-
-/* Resets all components by this method; then initialises them. */
-static tl_status reset_all(tl_twin *twin, int64_t step, tl_status (*method)(tl_twin *, size_t, tl_error *),
-                           tl_error *error) {
-    tl_exchange *exchange = &twin->exchange;
-    tl_status status = TL_OK;
-    for (size_t i = 0; i < twin->graph.component_count && status == TL_OK; i++) {
-        status = method(twin, i, error);
-    }
-    tl_exchange_clear(exchange, &twin->graph);
-    int64_t shown = tl_plant_shown(&exchange->plant, step, exchange->plant.newest);
-    return status == TL_OK ? tl_exchange_initialize(exchange, step, shown, error) : status;
 }
 
 /* As in a record. Not inlined because it is rarely needed. */
@@ -313,20 +279,33 @@ static tl_status begin_side_twins(tl_twin *twin, tl_error *error) {
     return status == TL_OK ? tl_released_twin_begin(&twin->released_twin, error) : status;
 }
 
-static tl_status reset_twin(tl_twin *twin, int64_t step, uint32_t *flags, tl_error *error) {
+/* The sample that delivers the inputs of a step. */
+static const tl_sample *sample_of(const tl_twin *twin, int64_t step) {
+    const tl_plant *plant = &twin->exchange.plant;
+    return tl_plant_sample(plant, tl_plant_shown(plant, step, plant->newest));
+}
+
+static tl_status restart_here(tl_twin *twin, int64_t step, tl_error *error) {
+    const tl_sample *sample = sample_of(twin, step);
+    tl_status status = tl_start_values_begin(twin, step, sample, false, error);
+    return status == TL_OK ? tl_twin_restart(twin, step, sample->values, error) : status;
+}
+
+/* `due`: whether the twin itself resets, and how. */
+static tl_status reset_twin(tl_twin *twin, int64_t step, tl_start_due due, tl_record_found *found, uint32_t *flags,
+                            tl_error *error) {
+    bool finds = due == TL_START_FIND && !twin->resets;
+    found->evaluations = 0;
+    *flags = TL_FLAG_RESET | (due != TL_START_NOTHING && !twin->resets ? (uint32_t)TL_FLAG_STARTS : 0U);
     twin->resets = false;
     tl_verifier_abandon(&twin->verifier);
-    tl_status status = reset_all(twin, step, reset_component, error);
-    if (status == TL_FMU_FAILED) {
-        status = reset_all(twin, step, replace_component,
-                           error); /* an FMU may report a successful reset and then fail to initialise */
-    }
+    tl_status status = finds ? tl_start_values_find(twin, step, found, error) : restart_here(twin, step, error);
     if (status != TL_OK) {
         return status;
     }
     bool was_abandoned = twin->event != NULL && tl_event_horizon_reset(twin->event);
     twin->bad_at_start = find_bad_outputs(twin);
-    *flags = TL_FLAG_RESET | (was_abandoned ? TL_FLAG_ABANDONED : 0U);
+    *flags |= was_abandoned ? (uint32_t)TL_FLAG_ABANDONED : 0U;
     tl_synchroniser_reset(&twin->synchroniser);
     status = tl_exchange_reset(&twin->exchange, step, error);
     twin->synchroniser.rests = false;
@@ -462,7 +441,7 @@ static tl_status replace_method(tl_twin *twin, size_t component, tl_twin_repaire
     int64_t next = twin->exchange.plant.newest + 1 - (int64_t)twin->lead;
     bool prefers_copy = twin->graph.components[component].prefers_copy;
     bool emptied = false;
-    end_other_states(twin, component);
+    tl_twin_end_other_states(twin, component);
     tl_status status = tl_exchange_give_up_states(&twin->exchange, component, next, &emptied, error);
     if (status != TL_OK) {
         return status;
@@ -508,8 +487,9 @@ const char *tl_twin_cause_text(tl_restore_cause cause) {
 
 /* ---- twin ---- */
 
-tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error) {
-    tl_status status = tl_exchange_initialize(&twin->exchange, twin->first, shown, error);
+tl_status tl_twin_start(tl_twin *twin, const tl_sample *sample, tl_error *error) {
+    tl_status status = tl_start_values_begin(twin, twin->first, sample, true, error);
+    status = status == TL_OK ? tl_exchange_initialize(&twin->exchange, twin->first, sample->values, error) : status;
     if (status == TL_OK && twin->synchroniser.horizon.variables != 0) {
         status = tl_proof_of_rollback(&twin->proof, &twin->synchroniser, &twin->graph, twin->first, twin->now, error);
         twin->rollback_inexact = status != TL_OK && twin->proof.stepped;
@@ -519,8 +499,7 @@ tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error) {
 }
 
 static tl_status start_twin(tl_twin *twin, const tl_budget *budget, tl_error *error) {
-    const tl_plant *plant = &twin->exchange.plant;
-    tl_status status = tl_twin_start(twin, tl_plant_shown(plant, twin->first, plant->newest), error);
+    tl_status status = tl_twin_start(twin, sample_of(twin, twin->first), error);
     status = status == TL_OK ? tl_exchange_start(&twin->exchange, twin->state_bytes, twin->heap, error) : status;
     twin->bad_at_start = find_bad_outputs(twin);
     tl_proof_end(&twin->proof);
@@ -696,7 +675,9 @@ static void check_rollback(tl_twin *twin, int64_t step, uint32_t *flags) {
 static tl_status compute_step(tl_twin *twin, int64_t step, const tick_mode *mode, tl_record *record, tl_error *error) {
     uint64_t before = count_executions(twin);
     uint32_t flags = 0;
-    tl_status status = twin->resets ? reset_twin(twin, step, &flags, error) : TL_OK;
+    tl_start_due due = tl_twin_is_starting(twin) ? tl_start_values_look(twin, step) : TL_START_NOTHING;
+    bool resets = twin->resets || due != TL_START_NOTHING;
+    tl_status status = resets ? reset_twin(twin, step, due, &record->found, &flags, error) : TL_OK;
     if (status == TL_OK) {
         check_rollback(twin, step, &flags);
         status = step_by(twin, step, mode, record, error);
@@ -893,7 +874,7 @@ void tl_twin_destroy(tl_twin *twin) {
         if (!tl_twin_has_dead_fmu(twin, &twin->graph.components[i])) {
             tl_exchange_end_component(&twin->exchange, i);
             tl_event_horizon_forget(twin->event, i);
-            end_other_states(twin, i);
+            tl_twin_end_other_states(twin, i);
         }
         if (!tl_twin_has_dead_fmu(twin, &twin->graph.components[i])) {
             tl_component_free(&twin->graph.components[i]);

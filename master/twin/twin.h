@@ -164,6 +164,10 @@ tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u
  * Errors: none here. The next tick returns TL_FMU_FAILED or TL_FMU_FATAL if the reset failed. */
 void tl_twin_reset(tl_twin *twin);
 
+/* True until the FMUs have their start values from the plant (twin/start_values.h): one of the next
+ * ticks may reset the FMUs, or execute the first steps many times. */
+bool tl_twin_is_starting(const tl_twin *twin);
+
 /* `rests` true: from the next step on u stays at nominal, and nothing is searched. This ends with a
  * call with false, a reset, another tuning, or a finding of tl_twin_verify(). No effect with an
  * event horizon. */

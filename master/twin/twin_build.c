@@ -289,19 +289,6 @@ static void place_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report
     }
 }
 
-/* Start values, set now and after each reset. */
-static bool place_starts(tl_twin *twin, const tl_plan_component *description, tl_component *component) {
-    tl_start_value *starts = tl_arena_take(&twin->arena, description->set_count, sizeof *starts);
-    for (size_t i = 0; i < description->set_count && starts != NULL; i++) {
-        const char *expected;
-        starts[i].variable = tl_model_variable(description->model, description->set[i].variable);
-        (void)tl_graph_fit_value(starts[i].variable, &description->set[i].value, &starts[i].value, &expected);
-    }
-    component->starts = starts;
-    component->start_count = description->set_count;
-    return starts != NULL;
-}
-
 static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     for (size_t i = 0; i < plan->component_count; i++) {
         const tl_plan_component *description = &plan->components[i];
@@ -310,7 +297,7 @@ static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
         if (tl_twin_has_dead_fmu(twin, component)) {
             continue;
         }
-        if (!place_starts(twin, description, component)) {
+        if (!tl_start_values_place(twin, plan, i)) {
             tl_report_add(report, TL_TRY_AGAIN, description->where, "not enough memory for its start values");
             continue;
         }
@@ -319,6 +306,22 @@ static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
         if (status != TL_OK) {
             tl_report_add(report, status, description->where, "%s", error.text);
         }
+    }
+}
+
+/* The start values to be found. */
+static void check_found(const tl_twin *twin, const tl_plan *plan, tl_report *report) {
+    size_t weighted = 0;
+    for (size_t i = 0; i < plan->match_count; i++) {
+        weighted += plan->match[i].weight > 0.0 ? 1 : 0;
+    }
+    if (plan->find_count != 0 && (weighted == 0 || plan->event.start.signal != NULL)) {
+        tl_report_add(report, TL_BAD_DATA, plan->find[0].where, "start values can be found only with %s",
+                      weighted == 0 ? "a matched output: add one to \"match\"" : "a horizon of steps, not of events");
+    }
+    for (size_t i = 0; i < plan->find_count; i++) {
+        size_t node = 0;
+        (void)tl_graph_found_start(&twin->graph, &plan->find[i], &node, report);
     }
 }
 
@@ -338,6 +341,7 @@ static bool build_structure(tl_twin *twin, const tl_plan *plan, tl_synchroniser_
     build_solvers(twin, plan, synchroniser, report);
     tl_graph_check_inputs(&twin->graph, report);
     build_horizon(twin, plan, &synchroniser->horizon, report);
+    check_found(twin, plan, report);
     check_event(twin, plan, synchroniser->solver, report);
     if (plan->adjust_count != 0) {
         check_state(plan, report);
@@ -488,7 +492,7 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_synchroniser_set
     if (!tl_proof_init(&twin->proof, &twin->arena, &twin->exchange, &twin->graph) || !create_meters(twin, plan) ||
         !create_readers(twin, plan) || !save_executions(twin, plan, synchroniser) || !create_verifier(twin, plan) ||
         !tl_synchroniser_init(&twin->synchroniser, &twin->arena, plan, synchroniser) || !create_free_twin(twin, plan) ||
-        !create_released_twin(twin, plan) || !create_mark(twin, plan)) {
+        !create_released_twin(twin, plan) || !create_mark(twin, plan) || !tl_start_values_create(twin, plan)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
         return;
     }

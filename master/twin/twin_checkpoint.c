@@ -24,7 +24,7 @@ typedef struct head {
 
 static head head_of(const tl_twin *twin, int64_t tick) {
     return (head){
-        .magic = {'t', 'w', 'l', 'k', 't', 'w', 'n', '5'},
+        .magic = {'t', 'w', 'l', 'k', 't', 'w', 'n', '6'},
         .components = twin->graph.component_count,
         .signals = twin->exchange.plant.signal_count,
         .matches = twin->synchroniser.objective.term_count,
@@ -96,6 +96,7 @@ static void archive_ours(tl_twin *twin, tl_archive *archive) {
     if (!twin->measure.is_unused) {
         tl_archive_part(archive, &twin->delay, sizeof twin->delay);
     }
+    tl_archive_flag(archive, &twin->starts.waits);
     tl_archive_flag(archive, &twin->has_pending);
     if (twin->has_pending) {
         tl_archive_part(archive, &twin->pending, sizeof twin->pending);
@@ -193,7 +194,9 @@ static void require_finite_inputs(const tl_exchange *exchange, tl_archive *archi
 /* Initialises the FMUs at their first instant with the present plant; then they get their states.
  */
 static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *error) {
-    tl_status status = tl_twin_start(twin, twin->exchange.plant.newest, error);
+    bool waits = twin->starts.waits;
+    tl_status status = tl_twin_start(twin, tl_plant_sample(&twin->exchange.plant, twin->exchange.plant.newest), error);
+    tl_start_values_loaded(twin, waits);
     status = status == TL_OK ? require_bytes(twin, error) : status;
     status = status == TL_OK ? tl_free_twin_begin(&twin->free_twin, error) : status;
     if (status == TL_OK) {

@@ -18,6 +18,7 @@
 #include "master/sync/synchroniser.h"
 #include "master/sync/verifier.h"
 #include "master/twin/reading_meter.h"
+#include "master/twin/start_values.h"
 #include "master/twin/twin.h"
 
 struct tl_twin {
@@ -60,8 +61,9 @@ struct tl_twin {
     tl_tuning tuning; /* in use */
     tl_proof proof;
     uint64_t bad_at_start; /* as in a record: outputs that were not finite after the initialisation */
-    bool resets;           /* the FMUs must be reset before the next step */
-    uint64_t unsaved;      /* as tl_twin_unsaved() */
+    tl_start_values starts;
+    bool resets;      /* the FMUs must be reset before the next step */
+    uint64_t unsaved; /* as tl_twin_unsaved() */
     const char
         *runs_free; /* the twin runs free, because this component cannot be rolled back; NULL: it does not run free */
     tl_verifier verifier;
@@ -78,10 +80,17 @@ struct tl_twin {
     tl_record pending;
 };
 
-/* Initialises the FMUs at the instant of step `first` with the sample of tick `shown`. If something
- * is adjusted, also proves their rollback. Does not start the caches (tl_exchange_start()).
+/* Initialises the FMUs at the instant of step `first` with this sample. If something is adjusted,
+ * also proves their rollback. Does not start the caches (tl_exchange_start()).
  * Errors: TL_FMU_FAILED or TL_FMU_FATAL if an FMU fails, or if its rollback is not exact. */
-tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error);
+tl_status tl_twin_start(tl_twin *twin, const tl_sample *sample, tl_error *error);
+
+/* Defined in twin_reset.c: resets all FMUs (tl_twin_reset()) and initialises them at the instant of
+ * `step` with `plant`, a value of each signal. States of side twins that cannot be kept end. */
+tl_status tl_twin_restart(tl_twin *twin, int64_t step, const double *plant, tl_error *error);
+
+/* Defined in twin_reset.c: frees a component's states that are kept beside those of the search. */
+void tl_twin_end_other_states(tl_twin *twin, size_t component);
 
 /* Defined in twin_timing.c. After the rollback proof and before tl_exchange_start(): replaces
  * TL_KEEP_AUTO of each component by TL_KEEP_STATES or TL_KEEP_NONE. If all components have
@@ -91,6 +100,28 @@ tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error);
  * back by replay; some component can hold only one state. Errors: TL_FMU_FAILED or TL_FMU_FATAL if
  * a component cannot be restored. */
 tl_status tl_twin_choose_keep(tl_twin *twin, tl_error *error);
+
+/* Start values from the plant, defined in twin_starts.c. This one fills the component's list of
+ * start values. The plan must be sound. Returns false if memory is out. */
+bool tl_start_values_place(tl_twin *twin, const tl_plan *plan, size_t component);
+
+/* Allocates the buffers, after the exchange is built. Returns false if memory is out. */
+bool tl_start_values_create(tl_twin *twin, const tl_plan *plan);
+
+/* Before the FMUs are initialised at the instant of `step` with this sample. `sets`: also passes
+ * the values to the FMUs, which a reset does itself. */
+tl_status tl_start_values_begin(tl_twin *twin, int64_t step, const tl_sample *sample, bool sets, tl_error *error);
+
+/* After a checkpoint was loaded, with its `waits`. A search needs all steps from the start on, so
+ * there is none until the next reset. */
+void tl_start_values_loaded(tl_twin *twin, bool waits);
+
+/* Call it once before each step while tl_twin_is_starting(). */
+tl_start_due tl_start_values_look(tl_twin *twin, int64_t step);
+
+/* Finds the values. Then all FMUs are at the instant of `step`, with these values and nominal u.
+ * Errors: TL_FMU_FAILED if they fail also with the values of before; TL_FMU_FATAL. */
+tl_status tl_start_values_find(tl_twin *twin, int64_t step, tl_record_found *found, tl_error *error);
 
 /* Defined in twin_rerun.c: frees a component's state at the mark and makes the mark invalid. */
 void tl_twin_end_mark(tl_twin *twin, size_t component);

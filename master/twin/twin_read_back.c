@@ -240,7 +240,8 @@ tl_status tl_twin_prepare_reader(tl_twin *twin, tl_error *error) {
         nothing.tick = plant->newest + 1;
         tl_plant_push(plant, &nothing);
     }
-    tl_status status = tl_twin_start(twin, tl_plant_shown(plant, twin->first, plant->newest), error);
+    tl_status status =
+        tl_twin_start(twin, tl_plant_sample(plant, tl_plant_shown(plant, twin->first, plant->newest)), error);
     tl_proof_end(&twin->proof);
     return status;
 }

@@ -79,7 +79,7 @@ void tl_test_rig_start(tl_test_rig *rig, tl_test_plan *plan, uint32_t nodes) {
     instantiate(rig);
     rig->sample.tick = -1;
     tl_test_rig_push(rig, zeros);
-    status = tl_exchange_initialize(&rig->exchange, 0, 0, &rig->error);
+    status = tl_exchange_initialize(&rig->exchange, 0, rig->sample.values, &rig->error);
     assert(status == TL_OK);
     status = tl_exchange_start(&rig->exchange, 0, NULL, &rig->error);
     assert(status == TL_OK);

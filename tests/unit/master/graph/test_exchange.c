@@ -64,8 +64,10 @@ static void push(double first) {
 }
 
 static void initialize(void) {
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_exchange_initialize(&exchange, 0, exchange.plant.newest, &error),
-                                  error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        TL_OK,
+        tl_exchange_initialize(&exchange, 0, tl_plant_sample(&exchange.plant, exchange.plant.newest)->values, &error),
+        error.text);
 }
 
 /* A committed step. */
@@ -345,7 +347,9 @@ static void a_failure_while_initialising_stops_it(void) {
         build();
         push(0.0);
         tl_test_fmu_fail(&fmus[1], calls[i], TL_TEST_FATAL, 1, 1);
-        TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, tl_exchange_initialize(&exchange, 0, exchange.plant.newest, &error));
+        TEST_ASSERT_EQUAL_INT(
+            TL_FMU_FATAL, tl_exchange_initialize(
+                              &exchange, 0, tl_plant_sample(&exchange.plant, exchange.plant.newest)->values, &error));
         TL_EXPECT_PARTS("k1|fmi2Fatal", error.text);
         TEST_ASSERT_EQUAL_INT(calls[i], call_log.entries[call_log.count - 1].call);
         if (i + 1 < sizeof calls / sizeof calls[0]) {
