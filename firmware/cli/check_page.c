@@ -207,6 +207,27 @@ static const char *describe_rollback(const tl_fmu *fmu, const tl_plan_component 
     return component->model->capabilities.can_get_and_set_state ? "can save its state" : "cannot save its state";
 }
 
+/* Start values that come from the plant. */
+static void print_starts(const tl_assembly *assembly, FILE *output) {
+    const tl_config *config = &assembly->config;
+    for (size_t i = 0; i < config->component_count; i++) {
+        const tl_config_component *component = &config->components[i];
+        for (size_t k = 0; k < component->set_count; k++) {
+            const tl_plan_set *set = &component->set[k];
+            const tl_variable *variable = tl_model_variable(assembly->plan.components[i].model, set->variable);
+            if (set->value.type == TL_STRING && variable->type == TL_REAL) {
+                (void)fprintf(output, "  %s \342\206\222 %s.%s, at the start\n", set->value.text, component->name,
+                              set->variable);
+            }
+        }
+    }
+    for (size_t i = 0; i < config->find_count; i++) {
+        (void)fprintf(output, "  %s: found in the first %.15g s; then one tick\n    executes them up to %zu times\n",
+                      config->find[i].variable, tl_seconds(config->step * config->find_steps),
+                      TL_FIND_RUNS(config->find_count));
+    }
+}
+
 static void print_components(const tl_assembly *assembly, FILE *output) {
     (void)fputs("components\n", output);
     for (size_t i = 0; i < assembly->plan.component_count; i++) {
@@ -244,6 +265,7 @@ static void print_components(const tl_assembly *assembly, FILE *output) {
         (void)fprintf(output, "  %s \342\206\222 %s\n", assembly->plan.connections[i].from,
                       assembly->plan.connections[i].to);
     }
+    print_starts(assembly, output);
 }
 
 static const char *edge_name(const tl_plan_edge *edge) {

@@ -179,6 +179,9 @@ typedef struct tl_config {
     bool synchronise; /* the section exists; false: adjust_count is 0 */
     tl_plan_adjust *adjust;
     size_t adjust_count;
+    tl_plan_find *find; /* as in tl_plan, as the two below */
+    size_t find_count;
+    uint32_t find_steps;
     tl_plan_match *match;
     size_t match_count;
     tl_between *matched_between; /* of each match: `between` as configured, last or line */

@@ -289,6 +289,7 @@ const tl_change_rule tl_change_rules[] = {
     {"synchronise.adjust.*.penalty.deviation", IN_PLACE, NULL},
     {"synchronise.adjust.*.penalty.rate", IN_PLACE, NULL},
     {"synchronise.adjust.*.dwell_s", NEW_TWIN, NULL},
+    {"synchronise.start.**", NEW_TWIN, NULL},
     {"synchronise.match", NEW_TWIN, NULL},
     {"synchronise.match.*", NEW_TWIN, NULL},
     {"synchronise.match.*.to", NEW_TWIN, NULL},

@@ -196,13 +196,12 @@ static void read_nominal(tl_config_object *entry, tl_plan_adjust *adjust) {
     }
 }
 
-static void read_bounds(tl_config_object *entry, tl_plan_adjust *adjust) {
-    static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0"};
-    bool low = tl_config_get_number(entry, "min", &any, &adjust->lower);
-    bool high = tl_config_get_number(entry, "max", &any, &adjust->upper);
-    if (low && high && adjust->lower >= adjust->upper) {
+static void read_bounds(tl_config_object *entry, const tl_config_number *rule, double *lower, double *upper) {
+    bool low = tl_config_get_number(entry, "min", rule, lower);
+    bool high = tl_config_get_number(entry, "max", rule, upper);
+    if (low && high && *lower >= *upper) {
         char expected[64];
-        (void)snprintf(expected, sizeof expected, "more than min, which is %.15g", adjust->lower);
+        (void)snprintf(expected, sizeof expected, "more than min, which is %.15g", *lower);
         tl_config_wrong(entry, "max", NULL, expected, NULL);
     }
 }
@@ -231,6 +230,7 @@ static void read_penalty(tl_config_object *entry, tl_plan_adjust *adjust) {
 
 static void read_variable(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
     static const tl_config_number step = {.above = true, .maximum = HUGE_VAL, .example = "0.05"};
+    static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0"};
     const tl_config *config = context;
     tl_plan_adjust *adjust = &config->adjust[index];
     tl_config_object entry;
@@ -241,11 +241,52 @@ static void read_variable(const tl_config_object *map, const cJSON *item, size_t
      * means that none was given. */
     (void)tl_config_get_number(&entry, "step", &step, &adjust->step);
     read_nominal(&entry, adjust);
-    read_bounds(&entry, adjust);
+    read_bounds(&entry, &any, &adjust->lower, &adjust->upper);
     read_approved(&entry, adjust);
     read_penalty(&entry, adjust);
     (void)tl_config_get_duration(&entry, "dwell_s", TL_CONFIG_OPTIONAL, "0.5", &adjust->dwell);
     tl_config_done(&entry);
+}
+
+static void read_find(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    static const tl_config_number any = {
+        .need = TL_CONFIG_REQUIRED, .minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0"};
+    const tl_config *config = context;
+    tl_plan_find *find = &config->find[index];
+    tl_config_object entry;
+    begin_variable(map, item, "{\"min\": 0, \"max\": 5}", &entry);
+    find->variable = item->string;
+    find->where = tl_config_copy_path(map->reader, entry.path);
+    read_bounds(&entry, &any, &find->lower, &find->upper);
+    tl_config_done(&entry);
+}
+
+/* Start values that are found in the first steps. */
+static void read_start(tl_config_object *object, tl_config *config) {
+    static const char *const example = "{\"over_s\": 10, \"find\": {\"tanks.level2\": {\"min\": 0, \"max\": 5}}}";
+    static const tl_config_map rule = {.need = TL_CONFIG_REQUIRED,
+                                       .least = 1,
+                                       .most = TL_MAX_ADJUST,
+                                       .example = "{\"tanks.level2\": {\"min\": 0, \"max\": 5}}"};
+    tl_config_object start;
+    tl_config_object map;
+    tl_time over = 0;
+    if (!tl_config_member(object, "start", TL_CONFIG_OPTIONAL, example, &start)) {
+        return;
+    }
+    if (tl_config_get_duration(&start, "over_s", TL_CONFIG_REQUIRED, "10", &over) && config->step > 0) {
+        char expected[96];
+        tl_time steps = over / config->step + (over % config->step != 0);
+        (void)snprintf(expected, sizeof expected, "at most %d times step_s, which is %.15g s", TL_FIND_STEPS,
+                       tl_seconds(TL_FIND_STEPS * config->step));
+        if (steps > TL_FIND_STEPS) {
+            tl_config_wrong(&start, "over_s", NULL, expected, "10");
+        }
+        config->find_steps = (uint32_t)steps;
+    }
+    config->find = tl_config_take_entries(&start, "find", &rule, sizeof *config->find, &map, &config->find_count);
+    tl_config_each(&map, read_find, config);
+    tl_config_done(&start);
 }
 
 /* With all weights 0 there is nothing to optimise. */
@@ -403,6 +444,7 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
         config->has_epsilon = list.tolerance > 0;
         read_match(&object, "match", &MATCH, &list);
         check_weights(&object, config);
+        read_start(&object, config);
     }
     read_horizon(&object, config);
     read_solvers(&object, config);

@@ -434,7 +434,7 @@ static void repeat_step(const tl_recording *recording, const tl_history_tick *re
     tick->followed = tick->followed || (recording->config->recording_follow != 0 && repeat);
     memcpy(tick->u, read->u, sizeof tick->u);
     tick->caught_up = repeat && read->step.outcome == TL_CAUGHT_UP;
-    tick->resets = repeat && (read->step.flags & TL_FLAG_RESET) != 0;
+    tick->resets = repeat && tl_record_was_reset(read->step.flags);
     tick->rests = repeat && (read->step.flags & TL_FLAG_RESTS) != 0;
     tick->ends_released = repeat && (read->step.flags & TL_FLAG_RELEASED_SLOW) != 0;
     bool without_nominal = (read->step.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;

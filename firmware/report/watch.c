@@ -269,6 +269,21 @@ static void watch_output(tl_watch *watch, int64_t tick, const tl_record *record,
     }
 }
 
+static void watch_starts(tl_watch *watch, int64_t tick, const tl_record *record) {
+    const tl_record_found *found = &record->found;
+    if (found->evaluations == 0) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "the FMUs start again before step %lld, with the first good values of the plant",
+                         (long long)record->step);
+    }
+    for (size_t i = 0; i < watch->config->find_count && found->evaluations != 0; i++) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "start value found: %s = %.6g (%u runs of the first %u steps: error %.3g -> %.3g tolerances)",
+                         watch->config->find[i].variable, found->values[i], (unsigned)found->evaluations,
+                         (unsigned)watch->config->find_steps, found->before, found->after);
+    }
+}
+
 /* With an event horizon, a reset without this cause is reported with the stroke. */
 static void watch_reset(tl_watch *watch, int64_t tick, const tl_record *record) {
     char why[96] = "";
@@ -276,7 +291,9 @@ static void watch_reset(tl_watch *watch, int64_t tick, const tl_record *record) 
         (void)snprintf(why, sizeof why, " because an output was not finite in %u steps in a row",
                        (unsigned)watch->bad_steps);
     }
-    if ((record->flags & TL_FLAG_RESET) != 0 && (why[0] != '\0' || watch->config->event.start.signal == NULL)) {
+    if ((record->flags & TL_FLAG_STARTS) != 0) {
+        watch_starts(watch, tick, record);
+    } else if ((record->flags & TL_FLAG_RESET) != 0 && (why[0] != '\0' || watch->config->event.start.signal == NULL)) {
         warn(watch, tick, TL_WATCH_RESET, TL_EVENT_WARNING, "lock",
              "FMUs were reset to their start values before step %lld%s; u is nominal", (long long)record->step, why);
     }

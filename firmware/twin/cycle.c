@@ -393,7 +393,9 @@ static void process_record(tl_cycle *cycle, int64_t tick, const tl_record *recor
     tl_watch_keep(&cycle->watch, tick, tl_twin_unsaved(cycle->settings.assembly->twin));
     if ((record->flags & TL_FLAG_RESET) != 0) {
         tl_checkpointer_request(&cycle->checkpointer, tick);
-        tl_thread_heartbeat_set_timeout(cycle->heartbeat, tick_timeout(config));
+        if (!tl_twin_is_starting(cycle->settings.assembly->twin)) { /* else a search for start values may follow */
+            tl_thread_heartbeat_set_timeout(cycle->heartbeat, tick_timeout(config));
+        }
     }
     if (tl_recovery_step(&cycle->recovery, record, &change)) {
         tl_thread_heartbeat_set_timeout(cycle->heartbeat, PATIENCE_WITH_BEGINNING);
@@ -451,7 +453,8 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     }
     tl_status status = budget == NULL ? tl_twin_catch_up(twin, &sample, &record, &ready, &cycle->error)
                                       : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);
-    if (!cycle->has_begun) { /* in its first tick the twin initialises and proves the FMUs */
+    if (!cycle->has_begun &&
+        !tl_twin_is_starting(twin)) { /* in its first tick the twin initialises and proves the FMUs */
         cycle->has_begun = true;
         tl_thread_heartbeat_set_timeout(cycle->heartbeat, tick_timeout(&cycle->settings.assembly->config));
     }

@@ -26,7 +26,6 @@
 /* ---- The report that `replay --report` writes.
  *
  * Purpose: creates an HTML page (html_report.h) from configuration, twin's account and summary.
- * Thread:  one thread.
  */
 
 /* Fields are private except `page`. Zeroed: no report. */
@@ -59,7 +58,6 @@ void tl_replay_report_close(tl_replay_report *report);
  *
  * Purpose: the loop of `twinlock replay`. Time budgets are ignored, so that each replay gives the
  *          same results, to the bit.
- * Thread:  the caller's.
  */
 
 typedef struct tl_replay {

@@ -180,7 +180,7 @@ static tl_status add_recorded(tl_resume_ticks *ticks, const tl_history_tick *tic
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the samples of an earlier run");
     }
     if (tick->has_step && tick->adjusted == ticks->shape.adjust) {
-        tl_resume_ticks_set_step(ticks, tick->sample.tick, tick->u, (tick->step.flags & TL_FLAG_RESET) != 0);
+        tl_resume_ticks_set_step(ticks, tick->sample.tick, tick->u, tl_record_was_reset(tick->step.flags));
     }
     return TL_OK;
 }

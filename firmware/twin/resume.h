@@ -271,7 +271,6 @@ bool tl_resume_queue_next(tl_resume_queue *left, tl_resume *resume);
  * Twin:    not needed: the settings contain its facts, so a process without FMUs can search.
  * Trust:   the database is untrusted (history.h).
  * Owner:   settings are copied; the objects that they point to are not.
- * Thread:  one at a time.
  */
 
 typedef struct tl_resume_history tl_resume_history;

@@ -109,7 +109,7 @@ static void add_step(tl_resume_queue *self, const tl_record *record) {
         return;
     }
     run->last = tick > run->last ? tick : run->last;
-    tl_resume_ticks_set_step(&run->ticks, tick, record->u, (record->flags & TL_FLAG_RESET) != 0);
+    tl_resume_ticks_set_step(&run->ticks, tick, record->u, tl_record_was_reset(record->flags));
     if (record->used > 0 && record->used < TL_SECOND) {
         run->used += record->used;
         run->executions += record->executions;

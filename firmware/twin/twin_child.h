@@ -131,7 +131,6 @@ void tl_twin_child_close(tl_twin_child *child);
  * Ends:    at the end of the recording, at the configured duration, or when asked to stop. In mode
  *          ahead a step is computed only if its measurement will come, so the last tick only
  *          completes the record before it.
- * Thread:  one.
  */
 
 typedef struct tl_twin_feed tl_twin_feed;

@@ -81,7 +81,6 @@ void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *
  *
  * Purpose: the live cycle and a replay call the same verification (tl_twin_verify()) and report the
  *          same text.
- * Thread:  the FMU thread.
  */
 
 enum { TL_TWIN_FINDING_TEXT = 400 };

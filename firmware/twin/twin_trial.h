@@ -62,7 +62,6 @@ void tl_late_verification_run(const tl_assembly *assembly, int64_t tick, tl_late
  * Account: in memory that another process reads, because this one may crash, hang or write false
  *          values.
  * Memory:  the values of the first twin, during the comparison.
- * Thread:  the FMU thread.
  */
 
 enum { TL_PAIR_STEPS = 100, TL_PAIR_LEAST = 10, TL_PAIR_NAME = TL_ASSEMBLY_NAME };

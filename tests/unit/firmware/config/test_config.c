@@ -521,6 +521,20 @@ static void expect_release(const char *instead, uint32_t steps) {
     free(text);
 }
 
+static void test_start_values(void) {
+    char *text = tl_test_read_text(FULL);
+    tl_test_judge_text(text, strlen(text), &verdict);
+    const tl_config *config = &verdict.config;
+    TEST_ASSERT_EQUAL_size_t(1, config->find_count);
+    TEST_ASSERT_EQUAL_UINT32(3000, config->find_steps);
+    TEST_ASSERT_EQUAL_STRING("motor.omega_start", config->find[0].variable);
+    TEST_ASSERT_EQUAL_STRING("synchronise.start.find.motor.omega_start", config->find[0].where);
+    TEST_ASSERT_EQUAL_DOUBLE(-10.0, config->find[0].lower);
+    TEST_ASSERT_EQUAL_DOUBLE(10.0, config->find[0].upper);
+    tl_config_free(&verdict.config);
+    free(text);
+}
+
 /* The default is 600 steps, or 20 horizons if these are longer. */
 static void test_released_twins(void) {
     expect_release("\"release_s\": 7200,", 720000);
@@ -1153,6 +1167,7 @@ int main(void) {
     RUN_TEST(test_second_lookups);
     RUN_TEST(test_a_free_twin);
     RUN_TEST(test_released_twins);
+    RUN_TEST(test_start_values);
     RUN_TEST(test_between_readings);
     RUN_TEST(test_the_delay_of_a_condition);
     RUN_TEST(test_a_plant_has_no_delays);
