@@ -460,6 +460,35 @@ void tl_draft_choose(tl_draft *draft) {
     }
 }
 
+static size_t find_chosen(const tl_draft *draft, size_t match) {
+    for (size_t i = 0; i < draft->candidate_count; i++) {
+        if (draft->candidates[i].is_chosen && draft->candidates[i].match == match) {
+            return i;
+        }
+    }
+    return SIZE_MAX;
+}
+
+size_t tl_draft_find_next(const tl_draft *draft) {
+    size_t best = SIZE_MAX;
+    for (size_t i = 0; i < draft->candidate_count; i++) {
+        const tl_draft_candidate *candidate = &draft->candidates[i];
+        bool is_new = candidate->is_tried && candidate->most > 0.0 && !candidate->is_chosen &&
+                      !candidate->is_left_out && find_chosen(draft, candidate->match) != SIZE_MAX;
+        best = is_new && (best == SIZE_MAX || is_better(draft, candidate, &draft->candidates[best])) ? i : best;
+    }
+    return best;
+}
+
+size_t tl_draft_replace(tl_draft *draft, size_t candidate) {
+    size_t replaced = find_chosen(draft, draft->candidates[candidate].match);
+    draft->candidates[replaced].is_chosen = false;
+    draft->candidates[replaced].is_left_out = true;
+    draft->candidates[candidate].is_chosen = true;
+    draft->candidates[candidate].is_left_out = false;
+    return replaced;
+}
+
 /* ---- the text ---- */
 
 static void add_copy(tl_json_writer *writer, const char *key, const cJSON *value) {

@@ -69,9 +69,10 @@ typedef struct tl_draft_candidate {
     double step, lower, upper; /* in its unit; bounds ∓infinity: not known, or the FMU declares them */
     bool is_tried;
     bool is_chosen;
-    size_t match;  /* index of the matched output that reacts most */
-    double most;   /* movement of this output by one step of the variable, in its unit */
-    double half_s; /* time to half of it, s */
+    bool is_left_out; /* another one of its match keeps the twin closer to the recording: see tl_draft_replace() */
+    size_t match;     /* index of the matched output that reacts most */
+    double most;      /* movement of this output by one step of the variable, in its unit */
+    double half_s;    /* time to half of it, s */
 } tl_draft_candidate;
 
 typedef struct tl_draft_match {
@@ -129,6 +130,14 @@ void tl_draft_propose(tl_draft *draft);
  * source, and variables of other FMUs than that of the match, are chosen only if there is nothing
  * else: what nothing measures, near the output, is more probably wrong. At most TL_MAX_ADJUST. */
 void tl_draft_choose(tl_draft *draft);
+
+/* Returns the next candidate to try instead of a chosen one of its match: the best, as in
+ * tl_draft_choose(), that is neither chosen nor left out. SIZE_MAX: none. */
+size_t tl_draft_find_next(const tl_draft *draft);
+
+/* Chooses a candidate of tl_draft_find_next() instead of the one of its match, which is left out.
+ * Returns the one that it replaced, with which a second call undoes this. */
+size_t tl_draft_replace(tl_draft *draft, size_t candidate);
 
 /* Writes "component.variable". */
 void tl_draft_variable(const tl_draft *draft, size_t fmu, const tl_variable *variable, char path[TL_DRAFT_PATH]);

@@ -447,8 +447,9 @@ static tl_status merge(initialisation *self, const tl_proposal_page *page) {
     return status;
 }
 
-/* As `check --recording`: proposes how signals are used, and tries horizons. */
-static tl_status propose(initialisation *self, const char *text) {
+/* As `check --recording`: proposes how signals are used, and tries horizons. `locked`: root mean
+ * square error of the twin with them, tolerances; unchanged if it is not known. */
+static tl_status propose(initialisation *self, const char *text, double *locked) {
     tl_verb_job job = {.options = self->options};
     tl_survey survey = {.count = 0};
     tl_proposal proposal;
@@ -463,6 +464,7 @@ static tl_status propose(initialisation *self, const char *text) {
     }
     if (status == TL_OK) {
         page.choice = &choice;
+        *locked = choice.chosen != SIZE_MAX ? choice.trial[choice.chosen].locked : *locked;
         status = merge(self, &page);
     }
     tl_survey_free(&survey);
@@ -470,7 +472,7 @@ static tl_status propose(initialisation *self, const char *text) {
     return status;
 }
 
-static tl_status finish(initialisation *self) {
+static tl_status finish(initialisation *self, double *locked) {
     char *text = tl_draft_text(&self->draft, TL_DRAFT_FINAL, 0);
     char *lines = NULL;
     bool is_adjusted = false;
@@ -486,11 +488,38 @@ static tl_status finish(initialisation *self) {
         status = is_final(status) ? status : TL_OK;
     }
     if (status == TL_OK && self->draft.recording != NULL && is_adjusted && !self->is_failed) {
-        status = propose(self, text);
+        status = propose(self, text, locked);
     }
     free(lines);
     free(text);
     return status;
+}
+
+/* If the twin does not follow the recording, tries others of the variables to which its outputs
+ * react, one after the other. A variable is replaced if that reduces the error clearly. */
+static tl_status try_others(initialisation *self, double locked) {
+    static const double enough = 1.0; /* tolerances */
+    static const double clearly = 0.9;
+    tl_draft *draft = &self->draft;
+    tl_status status = TL_OK;
+    size_t next = SIZE_MAX;
+    while (locked > enough && !is_final(status) && (next = tl_draft_find_next(draft)) != SIZE_MAX) {
+        cJSON *before = self->final;
+        size_t replaced = tl_draft_replace(draft, next);
+        double other = HUGE_VAL;
+        self->final = NULL;
+        status = finish(self, &other);
+        if (status == TL_OK && other < clearly * locked) {
+            locked = other;
+            cJSON_Delete(before);
+        } else {
+            (void)tl_draft_replace(draft, replaced);
+            cJSON_Delete(self->final);
+            self->final = before;
+        }
+        self->is_failed = false; /* the first one, and those that are kept, have passed the check */
+    }
+    return is_final(status) ? status : TL_OK;
 }
 
 /* ---- the result ---- */
@@ -521,9 +550,10 @@ static void print_candidate(const tl_draft *draft, const tl_draft_candidate *can
     tl_draft_variable(draft, candidate->fmu, candidate->variable, path);
     tl_draft_variable(draft, port->fmu, port->variable, matched);
     if (candidate->is_tried && candidate->most > 0.0) {
-        (void)snprintf(text, sizeof text, "%s%s by %g moves %s by %.3g%s%s, half of it in %.3g s",
+        (void)snprintf(text, sizeof text, "%s%s by %g moves %s by %.3g%s%s, half of it in %.3g s%s",
                        candidate->is_chosen ? "adjusted: " : "", path, candidate->step, matched, candidate->most,
-                       unit[0] != '\0' ? " " : "", unit, candidate->half_s);
+                       unit[0] != '\0' ? " " : "", unit, candidate->half_s,
+                       candidate->is_left_out ? "; does not keep the twin at the recording" : "");
     } else {
         (void)snprintf(text, sizeof text, "%s by %g %s", path, candidate->step,
                        candidate->is_tried ? "moves no matched output" : "was not tried");
@@ -604,7 +634,9 @@ static tl_status initialise(initialisation *self) {
         tl_draft_propose(draft);
         status = try_reactions(self);
     }
-    status = status == TL_OK ? finish(self) : status;
+    double locked = 0.0;
+    status = status == TL_OK ? finish(self, &locked) : status;
+    status = status == TL_OK && !self->is_failed ? try_others(self, locked) : status;
     return status == TL_OK ? write_file(self) : status;
 }
 

@@ -7,7 +7,7 @@ import signal
 import subprocess
 
 from twinlock_test import (BAD_DATA, BAD_USAGE, SOURCE, expect, expect_line, finish, main, read_config, replay_json, run,
-                           scratch, start)
+                           run_well, scratch, start)
 
 RECORDING = SOURCE / "config/motor/recording.csv"
 
@@ -48,6 +48,26 @@ def test_a_recording():
     code, out, err = run(["check", path])
     expect(code == 0, err)
     expect_line(out, "fill_in|components.drive.set.ref")
+    summary = replay_json(path)
+    expect(summary["lock"]["percent"] > 99, f"in lock: {summary['lock']['percent']} %")
+
+
+def test_a_variable_that_does_not_lock():
+    """The plant has three times the inertia of the FMU. Friction, within the guessed bounds, cannot accelerate the motor, so the current is adjusted,
+    although the plant measures it."""
+    folder = scratch()
+    plant = read_config(SOURCE / "config/motor/plant.json")
+    plant["components"]["motor"]["set"]["J"] = 0.0045
+    brake = "".join(f"{i},{1.3 * (i % 2)}\n" for i in range(16))
+    (folder / "brake.csv").write_text(f"t,torque\n{brake}", encoding="utf-8")
+    plant["emulate"] = {"columns": {"omega": {"from": "motor.omega", "noise": 0.3}, "M_w": {"from": "plant.torque"}, "I_in": {"from": "drive.u_R"}}}
+    (folder / "plant.json").write_text(json.dumps(plant), encoding="utf-8")
+    run_well(["plant", folder / "plant.json", "--record", folder / "own.csv"])
+    document, path, out = init("motor.fmu", "--recording", folder / "own.csv", "--step", "0.01")
+    expect(list(document["synchronise"]["adjust"]) == ["motor.I_in"], f"adjusted: {document['synchronise']['adjust']}")
+    expect_line(out, "motor.d|moves motor.omega")
+    expect("does not keep the twin" in out, out)
+    expect("synchronise.adjust.motor.I_in" in document["fill_in"], f"to fill in: {document['fill_in']}")
     summary = replay_json(path)
     expect(summary["lock"]["percent"] > 99, f"in lock: {summary['lock']['percent']} %")
 
