@@ -37,18 +37,6 @@ def test_the_first_configuration_of_the_page_asks_for_inputs():
         expect(line.split(": line 3: ")[-1] in out + err, f"not printed: {line}\n{out}{err}")
 
 
-def test_init_writes_what_the_page_shows():
-    (block,) = [block for block in blocks(PAGE, "text") if block.startswith("$ twinlock init")]
-    folder = scratch()
-    text = (SOURCE / "config/motor/recording.csv").read_text(encoding="utf-8").replace("M_brake", "torque", 1)
-    (folder / "monday.csv").write_text(text, encoding="utf-8")
-    command, *shown = block.splitlines()
-    code, out, err = run(command.split()[2:], cwd=folder)
-    expect(code == 0, err)
-    for line in shown:
-        expect(line == "…" or line in out.splitlines(), f"not printed: {line}\n{out}")
-
-
 def test_the_second_one_runs_free_and_the_third_one_locks():
     free = blocks(PAGE)[1]
     expect("no problem found" in run_well(["check", written(free)]), "a problem")
