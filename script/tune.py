@@ -52,6 +52,7 @@ less common options:
 BAD_USAGE, NOT_LOCKED, BAD_DATA, FMU_FAILED, TRY_AGAIN = 2, 3, 65, 70, 75
 BATCH = 8  # candidates that are asked for together, with any number of jobs: the search is the same
 EQUAL = 1.02  # released errors within this factor are equally good: firmware/monitor/horizon_choice.h
+CLOSE = 2  # locked errors within this factor are equally good: a closer one may follow noise
 COVERED = 0.8  # share of the compared steps that a candidate must have
 ROWS = 12  # of the table
 GENERATED = 10  # share of the start value that is a first step, 1 / GENERATED
@@ -343,12 +344,12 @@ class Reference:
         if not self.measured or min(self.free.values()) <= 0:
             raise Refused("the recording is too short, or the twin without corrections has no error at all")
 
-    def released(self, database):
-        """Mean square error of the released twins / that of the twin left alone; None if too few steps have one."""
+    def error(self, database, column):
+        """Mean square error of `column` (simulated or released) / that of the twin left alone; None if too few steps have one."""
         squares, found = {name: [] for name in self.free}, 0
-        for name, step, released, _, _ in query(database, OUTPUTS.format("released")):
-            if released is not None and (name, step) in self.measured:
-                squares[name].append((released - self.measured[name, step]) ** 2)
+        for name, step, value, _, _ in query(database, OUTPUTS.format(column)):
+            if value is not None and (name, step) in self.measured:
+                squares[name].append((value - self.measured[name, step]) ** 2)
                 found += 1
         if found < COVERED * len(self.measured) or not all(squares.values()):
             return None
@@ -371,13 +372,13 @@ class Trial:
         self.worker, self.references, self.units = worker, references, units
 
     def of(self, document):
-        """{"values": [released error, executions, quietness], "worst_s"}, or {"values": None, "why"}."""
+        """{"values": [released error, executions, quietness], "locked": error of the locked twin, "worst_s"}, or {"values": None, "why"}."""
         rows = []
         for reference in self.references:
             summary, database = self.worker.replay(document, reference.recording)
             if summary is None:
                 return {"values": None, "why": database}
-            released = reference.released(database)
+            released, locked = reference.error(database, "released"), reference.error(database, "simulated")
             most = query(database, "SELECT max(evaluations) FROM steps")[0][0]
             quiet = quietness(database, self.units)
             database.unlink()
@@ -385,12 +386,12 @@ class Trial:
                 return {"values": None, "why": "never in lock"}
             if released is None:
                 return {"values": None, "why": f"too few released steps: {summary['released']['state']}"}
-            rows.append((released, summary["executions"]["total"] / summary["steps"], quiet,
+            rows.append((released, locked, summary["executions"]["total"] / summary["steps"], quiet,
                          most * summary["wall_s"] / max(1, summary["evaluations"])))
-        released, executions, quiet, worst = zip(*rows)
+        released, locked, executions, quiet, worst = zip(*rows)
         count = len(rows)
         return {"values": [math.sqrt(sum(released) / count), sum(executions) / count, sum(quiet) / count],
-                "worst_s": max(worst)}
+                "locked": math.sqrt(sum(locked) / count), "worst_s": max(worst)}
 
 
 # ---- start ----
@@ -515,13 +516,15 @@ def pareto(rows):
 
 
 def recommended(rows, budget_s, most, given):
-    """Of those within the budgets (time of a step, executions) whose released errors are as good as the least one: the fewest
-    executions. A correction that jumps more than that of CONFIG follows noise: such a row is taken only if there is no other."""
+    """Of those within the budgets (time of a step, executions) whose released errors are as good as the least one, and whose locked twin
+    is as close to the readings: the fewest executions. A correction that jumps more than that of CONFIG follows noise: such a row is taken
+    only if there is no other."""
     fitting = [row for row in rows if row["worst_s"] <= budget_s and row["values"][1] <= most]
     least = min((row["values"][0] for row in fitting), default=None)
     equal = [row for row in fitting if row["values"][0] <= EQUAL * least]
-    quiet = [row for row in equal if given["values"] and row["values"][2] <= given["values"][2]]
-    return min(quiet or equal, key=lambda row: row["values"][1:], default=None)
+    close = [row for row in equal if row["locked"] <= CLOSE * min(other["locked"] for other in equal)]
+    quiet = [row for row in close if given["values"] and row["values"][2] <= given["values"][2]]
+    return min(quiet or close, key=lambda row: row["values"][1:], default=None)
 
 
 # ---- search ----

@@ -74,6 +74,14 @@ def test_pareto():
     expect(found == [1, 2, 0, 6], f"{found}")
 
 
+def test_the_recommended_one_follows_the_readings():
+    """Of equal released errors, not the one that is quiet because it corrects nothing."""
+    rows = [{"values": [1.0, 2, 1], "locked": 0.3, "worst_s": 0}, {"values": [1.01, 4, 6], "locked": 0.02, "worst_s": 0},
+            {"values": [1.01, 5, 6], "locked": 0.015, "worst_s": 0}, {"values": [1.1, 1, 1], "locked": 0.001, "worst_s": 0}]
+    found = tune.recommended(rows, 1, 10, {"values": [1.0, 2, 5]})
+    expect(found is rows[1], f"{found}")
+
+
 def test_the_table_and_the_recommended_one():
     rows, out = whole()
     expect(len(rows) == 24 and len(set(keys(rows))) == 24, f"{len(rows)} candidates, {len(set(keys(rows)))} different")
@@ -123,7 +131,7 @@ def test_the_stored_proposal():
     first["proposal"].setdefault("synchronise", {}).setdefault("horizon", {})["prediction"] = 3
     first["release_s"] = 20
     (FOLDER / "stored.jsonl").write_text(json.dumps(first) + "\n", encoding="utf-8")
-    rows, _ = search("stored", "--trials", "1")
+    rows, _ = search("stored", "--trials", "1", code=None)
     expect(first_line("stored") == first, "the first line has changed")
     expect(rows[0]["settings"]["prediction"] == 3, f"{rows[0]['settings']}")
 
