@@ -2,16 +2,16 @@
  *      A·dh/dt = k·pump − a·√(2·g·h), by explicit Euler. */
 #include <math.h>
 
-#include "fmus/common/model.h"
 #include "description.h"
+#include "fmus/common/model.h"
 
 static const double GRAVITY = 9.81; /* m/s2 */
 
 typedef struct tank {
-    fmi2Real pump;                   /* input */
+    fmi2Real pump;                    /* input */
     fmi2Real pump_flow, outlet, area; /* tunable */
-    fmi2Real level_start, t_step;    /* fixed */
-    fmi2Real level;                  /* state and output */
+    fmi2Real level_start, t_step;     /* fixed */
+    fmi2Real level;                   /* state and output */
 } tank;
 
 static void start(void *model) {
