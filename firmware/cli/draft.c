@@ -532,10 +532,55 @@ static void find_reached(const tl_draft *draft, tl_draft_kind kind, size_t tried
     }
 }
 
-/* Writes the constants of the inputs of an FMU that have no source. */
+static void open_set(tl_json_writer *writer, bool *is_open) {
+    if (!*is_open) {
+        tl_json_open_object(writer, "set");
+        *is_open = true;
+    }
+}
+
+/* True if by its name a variable is the start value of an output: level_start, initial_level. */
+static bool is_start_of(const tl_variable *variable, const tl_variable *output) {
+    static const char *const words[] = {"start", "initial", "init", "0"};
+    char name[LONGEST];
+    char wanted[2 * LONGEST];
+    char end[LONGEST];
+    bool is_found = false;
+    bool can_start = variable->type == TL_REAL && variable->has_start && variable->causality != TL_INPUT &&
+                     variable->variability != TL_CONSTANT && !variable->is_ambiguous;
+    reduce(variable->name, name);
+    reduce(output->name, end);
+    for (size_t i = 0; i < sizeof words / sizeof words[0] && can_start; i++) {
+        (void)snprintf(wanted, sizeof wanted, "%s%s", end, words[i]);
+        is_found = is_found || strcmp(name, wanted) == 0;
+        (void)snprintf(wanted, sizeof wanted, "%s%s", words[i], end);
+        is_found = is_found || (strcmp(words[i], "0") != 0 && strcmp(name, wanted) == 0);
+    }
+    return is_found && strcmp(unit_of(variable), unit_of(output)) == 0;
+}
+
+/* Start values of matched outputs: the twin starts in the plant's state. */
+static void write_starts(const tl_draft *draft, size_t fmu, bool *is_open, tl_json_writer *writer) {
+    const tl_model *model = draft->fmus[fmu].model;
+    for (size_t m = 0; m < draft->match_count; m++) {
+        const tl_draft_port *port = &draft->ports[draft->matches[m].port];
+        for (size_t i = 0; i < model->variable_count && port->fmu == fmu; i++) {
+            char signal[sizeof "plant." + TL_DRAFT_NAME];
+            if (is_start_of(&model->variables[i], port->variable)) {
+                (void)snprintf(signal, sizeof signal, "plant.%s", draft->signals[draft->matches[m].signal].name);
+                open_set(writer, is_open);
+                tl_json_add_text(writer, model->variables[i].name, signal);
+                break;
+            }
+        }
+    }
+}
+
+/* Writes the constants of the inputs of an FMU that have no source, and start values. */
 static void write_constants(const tl_draft *draft, tl_draft_kind kind, size_t tried, size_t fmu,
                             tl_json_writer *writer) {
     bool is_open = false;
+    write_starts(draft, fmu, &is_open, writer);
     for (size_t i = 0; i < draft->port_count; i++) {
         const tl_draft_port *port = &draft->ports[i];
         const tl_variable *variable = port->variable;
@@ -543,10 +588,7 @@ static void write_constants(const tl_draft *draft, tl_draft_kind kind, size_t tr
             is_port_adjusted(draft, kind, tried, i)) {
             continue;
         }
-        if (!is_open) {
-            tl_json_open_object(writer, "set");
-            is_open = true;
-        }
+        open_set(writer, &is_open);
         if (variable->type == TL_STRING) {
             tl_json_add_text(writer, variable->name, variable->has_start ? variable->start.text : "");
         } else if (variable->type == TL_BOOLEAN) {

@@ -561,14 +561,28 @@ static void print_candidate(const tl_draft *draft, const tl_draft_candidate *can
     tl_wrapped_print(output, text, 2, 4);
 }
 
-static void print_page(const initialisation *self, FILE *output) {
-    const tl_draft *draft = &self->draft;
-    (void)fprintf(output, "%s: written\nconnections\n", self->output);
+static void print_connections(const initialisation *self, FILE *output) {
     const cJSON *item = NULL;
+    const cJSON *component = NULL;
     cJSON_ArrayForEach(item, cJSON_GetObjectItemCaseSensitive(self->final, "connect")) {
         (void)fprintf(output, "  %s \342\206\222 %s\n", cJSON_GetArrayItem(item, 0)->valuestring,
                       cJSON_GetArrayItem(item, 1)->valuestring);
     }
+    cJSON_ArrayForEach(component, cJSON_GetObjectItemCaseSensitive(self->final, "components")) {
+        cJSON_ArrayForEach(item, cJSON_GetObjectItemCaseSensitive(component, "set")) {
+            if (cJSON_IsString(item) && strncmp(item->valuestring, "plant.", strlen("plant.")) == 0) {
+                (void)fprintf(output, "  %s \342\206\222 %s.%s, at the start\n", item->valuestring, component->string,
+                              item->string);
+            }
+        }
+    }
+}
+
+static void print_page(const initialisation *self, FILE *output) {
+    const tl_draft *draft = &self->draft;
+    (void)fprintf(output, "%s: written\nconnections\n", self->output);
+    const cJSON *item = NULL;
+    print_connections(self, output);
     (void)fputs("matched\n", output);
     for (size_t m = 0; m < draft->match_count; m++) {
         const tl_draft_port *port = &draft->ports[draft->matches[m].port];

@@ -36,7 +36,9 @@ def connected(document):
 
 def test_a_recording():
     """By name; the drive by units, because its names differ. The twin locks without an edit."""
-    document, path, _ = init("drive.fmu", "motor.fmu", "--recording", recording(("M_brake", "M_w")), "--step", "0.01")
+    document, path, out = init("drive.fmu", "motor.fmu", "--recording", recording(("M_brake", "M_w")), "--step", "0.01")
+    expect(document["components"]["motor"]["set"] == {"omega_start": "plant.omega"}, f"set: {document['components']['motor']}")
+    expect("plant.omega → motor.omega_start" in out, out)
     expect(connected(document) == [("drive.u_R", "motor.I_in"), ("motor.omega", "drive.y"), ("plant.M_w", "motor.M_w")],
            f"connected: {document['connect']}")
     expect(list(document["synchronise"]["adjust"]) == ["motor.d"], f"adjusted: {document['synchronise']['adjust']}")
