@@ -13,6 +13,7 @@
 #include "firmware/cli/advice.h"
 #include "firmware/cli/response.h"
 #include "firmware/config/config.h"
+#include "firmware/fmu/common_units.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_blocks.h"
 #include "firmware/store/recorder_database.h"
@@ -207,6 +208,41 @@ static const char *describe_rollback(const tl_fmu *fmu, const tl_plan_component 
     return component->model->capabilities.can_get_and_set_state ? "can save its state" : "cannot save its state";
 }
 
+/* The unit of "component.variable" or "plant.signal"; "": none. */
+static tl_unit unit_of(const tl_assembly *assembly, const char *name) {
+    size_t signal = tl_config_signal_of(&assembly->config, name);
+    const char *unit = signal != SIZE_MAX ? assembly->config.signals[signal].plan.unit : NULL;
+    tl_unit found = {.name = unit != NULL ? unit : ""};
+    for (size_t i = 0; i < assembly->plan.component_count && signal == SIZE_MAX; i++) {
+        const tl_plan_component *component = &assembly->plan.components[i];
+        size_t length = strlen(component->name);
+        bool is_in = strncmp(name, component->name, length) == 0 && name[length] == '.';
+        const tl_variable *variable = is_in ? tl_model_variable(component->model, name + length + 1) : NULL;
+        found = variable != NULL && variable->unit != NULL ? *variable->unit : found;
+    }
+    for (size_t i = 0; i < assembly->plan.component_count && !found.has_base; i++) {
+        const tl_unit *known = tl_model_unit(assembly->plan.components[i].model, found.name);
+        found = known != NULL ? *known : found;
+    }
+    return found;
+}
+
+/* In the line of a connection or match: " (bar → Pa: × 100000)" if the units differ. */
+static void print_conversion(const tl_assembly *assembly, const char *from, const char *to, FILE *output) {
+    const tl_unit source = unit_of(assembly, from);
+    const tl_unit target = unit_of(assembly, to);
+    tl_conversion conversion;
+    bool is_known =
+        tl_units_convert(&source, &target, &conversion) || tl_common_units_convert(&source, &target, &conversion);
+    if (is_known && !tl_conversion_is_identity(&conversion)) {
+        (void)fprintf(output, " (%s \342\206\222 %s: \303\227 %.6g", source.name, target.name, conversion.factor);
+        if (conversion.offset < 0.0 || conversion.offset > 0.0) {
+            (void)fprintf(output, " %c %.6g", conversion.offset < 0.0 ? '-' : '+', fabs(conversion.offset));
+        }
+        (void)fputc(')', output);
+    }
+}
+
 /* Start values that come from the plant. */
 static void print_starts(const tl_assembly *assembly, FILE *output) {
     const tl_config *config = &assembly->config;
@@ -262,8 +298,10 @@ static void print_components(const tl_assembly *assembly, FILE *output) {
     (void)fprintf(output, "  %-12s %zu signal%s\n", "plant", signals, signals == 1 ? "" : "s");
     (void)fputs("connections\n", output);
     for (size_t i = 0; i < assembly->plan.connection_count; i++) {
-        (void)fprintf(output, "  %s \342\206\222 %s\n", assembly->plan.connections[i].from,
-                      assembly->plan.connections[i].to);
+        const tl_plan_connection *connection = &assembly->plan.connections[i];
+        (void)fprintf(output, "  %s \342\206\222 %s", connection->from, connection->to);
+        print_conversion(assembly, connection->from, connection->to, output);
+        (void)fputc('\n', output);
     }
     print_starts(assembly, output);
 }
@@ -394,13 +432,16 @@ static void print_synchronisation(const tl_assembly *assembly, const tl_response
     const tl_config *config = &assembly->config;
     for (size_t i = 0; i < config->match_count; i++) {
         const tl_plan_match *match = &config->match[i];
-        if (config->synchronise && match->weight > 0.0) {
-            const char *unit = tl_twin_match_unit(assembly->twin, i);
-            (void)fprintf(output, "  match   %s \342\206\224 %s, tolerance %g%s%s, weight %g\n", match->variable,
-                          match->to, match->tolerance, unit[0] != '\0' ? " " : "", unit, match->weight);
-        } else {
-            (void)fprintf(output, "  compare %s \342\206\224 %s\n", match->variable, match->to);
+        bool is_matched = config->synchronise && match->weight > 0.0;
+        const char *unit = tl_twin_match_unit(assembly->twin, i);
+        (void)fprintf(output, "  %s %s \342\206\224 %s", is_matched ? "match  " : "compare", match->variable,
+                      match->to);
+        print_conversion(assembly, match->to, match->variable, output);
+        if (is_matched) {
+            (void)fprintf(output, ", tolerance %g%s%s, weight %g", match->tolerance, unit[0] != '\0' ? " " : "", unit,
+                          match->weight);
         }
+        (void)fputc('\n', output);
     }
     print_wait(config, "readings that are matched", false, config->output_lookup.ticks, output);
     print_wait(config, "readings that feed inputs", true, config->input_lookup.ticks, output);

@@ -661,8 +661,10 @@ static const char *signal_unit(const tl_draft *draft, const tl_draft_signal *sig
 static bool find_conversion(const tl_draft *draft, const tl_draft_signal *signal, tl_conversion *conversion) {
     const tl_draft_port *port = signal->port != SIZE_MAX ? &draft->ports[signal->port] : NULL;
     const tl_unit *unit = port != NULL ? port->variable->unit : NULL;
+    const tl_unit named = {.name = signal->unit};
+    const tl_unit *known = port != NULL ? tl_model_unit(draft->fmus[port->fmu].model, signal->unit) : NULL;
     return unit != NULL && signal->unit[0] != '\0' && strcmp(signal->unit, unit->name) != 0 &&
-           tl_common_units_convert(draft->fmus[port->fmu].model, signal->unit, unit, conversion);
+           tl_common_units_convert(known != NULL ? known : &named, unit, conversion);
 }
 
 static void write_column(const tl_draft *draft, const tl_draft_signal *signal, tl_json_writer *writer) {

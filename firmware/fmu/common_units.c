@@ -1,4 +1,4 @@
-/* Units that recordings often have: see common_units.h. */
+/* Units that plants often have: see common_units.h. */
 #include "firmware/fmu/common_units.h"
 
 #include <stddef.h>
@@ -57,6 +57,7 @@ static const tl_unit COMMON[] = {
     {"kN.m", true, {1, 2, -2, 0, 0, 0, 0, 0}, 1000, 0},
     {"kNm", true, {1, 2, -2, 0, 0, 0, 0, 0}, 1000, 0},
     {"Pa", true, {1, -1, -2, 0, 0, 0, 0, 0}, 1, 0},
+    {"N/m2", true, {1, -1, -2, 0, 0, 0, 0, 0}, 1, 0},
     {"hPa", true, {1, -1, -2, 0, 0, 0, 0, 0}, 100, 0},
     {"mbar", true, {1, -1, -2, 0, 0, 0, 0, 0}, 100, 0},
     {"kPa", true, {1, -1, -2, 0, 0, 0, 0, 0}, 1000, 0},
@@ -101,8 +102,8 @@ static const tl_unit *find_common(const char *name) {
     return NULL;
 }
 
-bool tl_common_units_convert(const tl_model *model, const char *from, const tl_unit *to, tl_conversion *conversion) {
-    const tl_unit *const sources[] = {tl_model_unit(model, from), find_common(from)};
+bool tl_common_units_convert(const tl_unit *from, const tl_unit *to, tl_conversion *conversion) {
+    const tl_unit *const sources[] = {from, find_common(from->name)};
     const tl_unit *const targets[] = {to, find_common(to->name)};
     for (size_t i = 0; i < 4; i++) {
         const tl_unit *source = sources[i / 2];

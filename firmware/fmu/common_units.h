@@ -1,4 +1,4 @@
-/* Units that recordings often have, for `init`.
+/* Units that plants often have.
  *
  * Thread:  any; pure.
  */
@@ -10,9 +10,9 @@
 #include "master/fmi/model.h"
 #include "master/fmi/units.h"
 
-/* Computes the conversion from a unit's name to a unit of the model. The definitions of the model
- * come before those of a table of common units, in which an angle is in rad, also per minute.
- * Returns false if neither knows both units, or if their dimensions differ. */
-bool tl_common_units_convert(const tl_model *model, const char *from, const tl_unit *to, tl_conversion *conversion);
+/* Computes the conversion between two units that tl_units_convert() does not convert, because a
+ * definition is missing: it is that of a table of common units, in which an angle is in rad, also
+ * per minute. Returns false if one of them is in neither, or if their dimensions differ. */
+bool tl_common_units_convert(const tl_unit *from, const tl_unit *to, tl_conversion *conversion);
 
 #endif

@@ -13,6 +13,7 @@
 
 #include "firmware/base/identity.h"
 #include "firmware/base/os.h"
+#include "firmware/fmu/common_units.h"
 #include "firmware/fmu/fmu_binary.h"
 
 /* ---- opening files ---- */
@@ -347,6 +348,7 @@ static void fill_plan(tl_assembly *assembly) {
         .evaluations = config->budget_evaluations,
         .saving = config->saving,
         .state_bytes = (uint64_t)config->saving_memory << 20,
+        .convert_units = tl_common_units_convert,
         .heap = memory_used,
         .now = assembly->trusts_states ? NULL : tl_clock_now,
     };

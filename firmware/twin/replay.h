@@ -1,6 +1,5 @@
-/* Replay of a recording, and its report.
+/* Replay of a recording, and its report. One thread.
  *
- * Thread:  one.
  * Owner:   the caller owns all that the structs point to.
  */
 #ifndef TL_FIRMWARE_TWIN_REPLAY_H

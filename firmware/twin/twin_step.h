@@ -1,6 +1,5 @@
-/* Tick of an assembled twin: step, verification, result.
+/* Tick of an assembled twin: step, verification, result. Called by the thread that calls the FMUs.
  *
- * Thread:  the one that calls the FMUs.
  * Memory:  plain data; nothing is allocated here.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_STEP_H

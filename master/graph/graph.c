@@ -125,6 +125,12 @@ static tl_unit signal_unit(const tl_plan_signal *signal, const tl_model *peer) {
     return known != NULL ? *known : (tl_unit){.name = name};
 }
 
+/* By FMI's definitions, else as the caller of the master knows them. */
+static bool convert_units(const tl_graph *graph, const tl_unit *from, const tl_unit *to, tl_conversion *conversion) {
+    return tl_units_convert(from, to, conversion) ||
+           (graph->plan->convert_units != NULL && graph->plan->convert_units(from, to, conversion));
+}
+
 static void report_units(tl_report *report, const char *where, const char *from, const char *from_unit, const char *to,
                          const char *to_unit) {
     tl_report_add(
@@ -156,10 +162,10 @@ static bool convert(const tl_graph *graph, const tl_port *from, const tl_variabl
         const tl_plan_signal *signal = &graph->plan->signals[from->signal];
         tl_unit unit = signal_unit(signal, model);
         *from_unit = signal->unit;
-        return tl_units_convert(&unit, to->unit, conversion);
+        return convert_units(graph, &unit, to->unit, conversion);
     }
     *from_unit = from->variable->unit == NULL ? "" : from->variable->unit->name;
-    return tl_units_convert(from->variable->unit, to->unit, conversion);
+    return convert_units(graph, from->variable->unit, to->unit, conversion);
 }
 
 static bool is_settable(const tl_variable *variable) {
@@ -369,7 +375,7 @@ size_t tl_graph_start_signal(const tl_graph *graph, size_t component, const tl_p
         tl_report_add(report, TL_BAD_DATA, set->where,
                       "%s has no start value for the time until %s is good: give this signal \"initial\"",
                       set->variable, set->value.text);
-    } else if (!tl_units_convert(&unit, variable->unit, conversion)) {
+    } else if (!convert_units(graph, &unit, variable->unit, conversion)) {
         report_units(report, set->where, set->value.text, plan->unit, set->variable, variable->unit->name);
     } else {
         return signal;
@@ -495,7 +501,7 @@ size_t tl_graph_match_signal(tl_graph *graph, const tl_plan_match *match, const 
         return SIZE_MAX;
     }
     tl_unit unit = signal_unit(plan, graph->components[port->node].model);
-    if (!tl_units_convert(&unit, port->variable->unit, conversion)) {
+    if (!convert_units(graph, &unit, port->variable->unit, conversion)) {
         report_units(report, match->where, match->to, plan->unit, match->variable, port->variable->unit->name);
         return SIZE_MAX;
     }

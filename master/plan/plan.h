@@ -15,6 +15,7 @@
 #include "master/fmi/fmi2.h"
 #include "master/fmi/model.h"
 #include "master/fmi/rollback.h"
+#include "master/fmi/units.h"
 
 /* ---- Delays of signals through dead times and asynchronous cycles.
  *
@@ -300,6 +301,9 @@ typedef struct tl_plan {
     uint32_t released_steps; /* R: steps of a release (sync/released_twin.h), ≥ 2; 0: no released twins */
     bool may_rerun;          /* twin_rerun.h is used */
     uint64_t state_bytes;    /* bytes for saved states of all FMUs; 0: no bound; default: 128 MiB */
+    /* Converts between units with names that FMI's definitions do not convert (units.h). False: they
+     * have no conversion. NULL: there are none. */
+    bool (*convert_units)(const tl_unit *from, const tl_unit *to, tl_conversion *conversion);
     size_t (*heap)(void);    /* returns the bytes allocated in this process, to measure states; NULL: not known */
     tl_time (*now)(
         void *clock); /* monotonic clock, ns, to choose the faster rollback method (sync/proof.h); NULL: no choice */

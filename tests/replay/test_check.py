@@ -44,6 +44,20 @@ def test_it_fits_into_a_terminal():
         expect(len(widest) <= WIDTH, f"{len(widest)} columns: {widest}")
 
 
+def test_units_are_converted():
+    """A speed in rpm gives the same twin as one in rad/s, and the page shows the conversion."""
+    signal = {"unit": "rpm", "min": -5000, "max": 5000, "csv": {"column": "omega", "scale": 30 / math.pi}}
+    changed = edited_config("motor/lock.json", {"plant": {"omega": signal}})
+    page = run_well(["check", changed])
+    expect_line(page, "match|motor.omega|(rpm → rad/s: × 0.10472)")
+    plain = replay_json(edited_config("motor/lock.json", {}))
+    summary = replay_json(changed)
+    within(summary["match"]["motor.omega"]["mse"], plain["match"]["motor.omega"]["mse"], 0.01, "MSE")  # rounding can change a search
+    code, _, err = run(["check", edited_config("motor/lock.json", {"plant": {"omega": {"unit": "furlong"}}})])
+    expect(code == 65, f"ended with {code}")
+    expect_line(err, "synchronise.match.motor.omega|furlong|rad/s")
+
+
 def test_search_and_horizon():
     page = run_well(["check", config(fallback="bobyqa", horizon={"prediction": 3, "shape": "dynamic"})])
     expect_line(page, "nelder-mead|bobyqa|60 evaluations")
