@@ -644,10 +644,15 @@ def find_recordings(options, document):
     return [("--recording", str((options.config.parent / own).resolve()))]
 
 
+def content_of(path):
+    """The bytes of a file, or of all files of a folder, as the recording is read."""
+    return b"".join(file.read_bytes() for file in sorted(path.iterdir())) if path.is_dir() else path.read_bytes()
+
+
 def key_of(options, document, recordings):
     """What a search depends on: two with the same key have the same candidates, if check's proposal is the same."""
     contents = [document, sorted(options.variables), sorted(options.also), options.seed,
-                [hashlib.sha256(Path(path).read_bytes()).hexdigest() for _, path in recordings]]
+                [hashlib.sha256(content_of(Path(path))).hexdigest() for _, path in recordings]]
     return hashlib.sha256(json.dumps(contents, sort_keys=True).encode()).hexdigest()
 
 

@@ -1,14 +1,12 @@
 /* CSV recording reader: reads a complete file row by row. */
 #include "board/csv/csv.h"
 
-#include <errno.h>
-#include <fcntl.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
+#include "board/csv/csv_file.h"
 #include "board/csv/csv_table.h"
 
 /* Most rows with one time. A simulation writes two to four at an event. More come from a clock that
@@ -16,11 +14,13 @@
 enum { MOST_SAME = 4 };
 
 struct tl_csv_reader {
-    int file;
-    bool at_end;    /* of the bytes */
+    char **paths; /* of the files, of which `path_next` were opened */
+    size_t path_count, path_next;
+    tl_csv_file *file;
+    bool at_end;    /* of the bytes of this file */
     bool any;       /* there was a row */
+    bool any_here;  /* there was a row of this file */
     tl_time time;   /* of the last row that was read */
-    bool is_file;   /* no FIFO: the next row can be awaited */
     int64_t merged; /* rows with the time of the row before */
     /* the result of reading the row after the returned one */
     bool has_next;
@@ -48,13 +48,14 @@ static tl_status next_line(tl_csv_reader *reader, char **line, tl_error *error) 
             return TL_OK;
         }
         size_t room = 0;
+        size_t count = 0;
         char *bytes = tl_csv_lines_room(&reader->lines, &room);
-        ssize_t count = read(reader->file, bytes, room);
-        if (count < 0 && errno != EINTR) {
-            return tl_fail(error, TL_BAD_DATA, "%s: cannot be read: %s", reader->table.path, strerror(errno));
+        const tl_status status = tl_csv_file_read(reader->file, reader->table.path, bytes, room, &count, error);
+        if (status != TL_OK) {
+            return status;
         }
         reader->at_end = count == 0;
-        tl_csv_lines_added(&reader->lines, count > 0 ? (size_t)count : 0);
+        tl_csv_lines_added(&reader->lines, count);
     }
 }
 
@@ -73,6 +74,24 @@ static tl_status read_header(tl_csv_reader *reader, tl_error *error) {
     return status == TL_OK ? tl_csv_table_header(&reader->table, line, reader->lines.number, error) : status;
 }
 
+/* Opens the next file instead of the present one. */
+static tl_status open_next(tl_csv_reader *reader, tl_error *error) {
+    char *path = strdup(reader->paths[reader->path_next]);
+    if (path == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", reader->table.path);
+    }
+    free(reader->table.path);
+    reader->table.path = path;
+    reader->path_next++;
+    tl_csv_lines_drop(&reader->lines);
+    reader->lines.number = 0;
+    reader->at_end = false;
+    reader->any_here = false;
+    tl_csv_file_close(reader->file);
+    reader->file = NULL;
+    return tl_csv_file_open(path, &reader->file, error);
+}
+
 /* Returns NULL after an error. */
 static tl_csv_reader *open_file(const tl_csv_settings *settings, tl_error *error) {
     tl_csv_reader *made = calloc(1, sizeof *made);
@@ -81,21 +100,10 @@ static tl_csv_reader *open_file(const tl_csv_settings *settings, tl_error *error
         return NULL;
     }
     tl_status status = tl_csv_table_make(&made->table, settings, error);
-    if (status != TL_OK) {
-        free(made);
-        return NULL;
+    if (status == TL_OK) {
+        status = tl_csv_file_list(settings->path, &made->paths, &made->path_count, error);
     }
-    bool is_device = tl_csv_is_device(settings->path);
-    made->file = is_device ? -1 : open(settings->path, O_RDONLY | O_CLOEXEC);
-    if (is_device) {
-        (void)tl_fail(error, TL_BAD_DATA, "%s: this is a device (expected a file or a FIFO)", settings->path);
-    } else if (made->file < 0) {
-        bool shortage = errno == EMFILE || errno == ENFILE || errno == ENOMEM;
-        (void)tl_fail(error, shortage ? TL_TRY_AGAIN : TL_BAD_DATA, "%s: cannot be opened: %s", settings->path,
-                      strerror(errno));
-    } else {
-        struct stat about;
-        made->is_file = fstat(made->file, &about) == 0 && S_ISREG(about.st_mode) != 0;
+    if (status == TL_OK && open_next(made, error) == TL_OK) {
         return made;
     }
     tl_csv_close(made);
@@ -116,29 +124,49 @@ tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, t
     return TL_OK;
 }
 
+/* A row must not be before the one before, also if that is in the file before. */
+static tl_status check_order(const tl_csv_reader *reader, tl_time time, tl_error *error) {
+    if (!reader->any || time >= reader->time) {
+        return TL_OK;
+    }
+    if (!reader->any_here) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s, line %lld: the time %.9f s is before %.9f s at the end of %s: name the files in the order "
+                       "of their times, which must not overlap",
+                       reader->table.path, (long long)reader->lines.number, tl_seconds(time), tl_seconds(reader->time),
+                       reader->paths[reader->path_next - 2]);
+    }
+    return tl_fail(
+        error, TL_BAD_DATA,
+        "%s, line %lld: the time %.9f s is before %.9f s in the row before: remove the row, or correct its time",
+        reader->table.path, (long long)reader->lines.number, tl_seconds(time), tl_seconds(reader->time));
+}
+
 static tl_status read_row(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error) {
     bool is_units = true;
     while (is_units) {
         char *line = NULL;
         tl_status status = next_line(reader, &line, error);
-        *end = status == TL_OK && line == NULL;
+        const bool is_file_end = status == TL_OK && line == NULL;
+        *end = is_file_end && reader->path_next == reader->path_count;
         if (status != TL_OK || *end) {
             return status;
         }
-        status = tl_csv_table_row(&reader->table, line, reader->lines.number, row, &is_units, error);
+        if (is_file_end) {
+            status = open_next(reader, error);
+            status = status == TL_OK ? read_header(reader, error) : status;
+        } else {
+            status = tl_csv_table_row(&reader->table, line, reader->lines.number, row, &is_units, error);
+        }
         if (status != TL_OK) {
             return status;
         }
     }
-    if (reader->any && row->time < reader->time) {
-        return tl_fail(
-            error, TL_BAD_DATA,
-            "%s, line %lld: the time %.9f s is before %.9f s in the row before: remove the row, or correct its time",
-            reader->table.path, (long long)reader->lines.number, tl_seconds(row->time), tl_seconds(reader->time));
-    }
+    const tl_status status = check_order(reader, row->time, error);
     reader->any = true;
+    reader->any_here = true;
     reader->time = row->time;
-    return TL_OK;
+    return status;
 }
 
 /* Takes the row that was read ahead, or else reads one. */
@@ -169,7 +197,7 @@ static void merge_row(const tl_csv_reader *reader, tl_csv_row *row) {
 
 tl_status tl_csv_next(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error) {
     tl_status status = take_row(reader, row, end, error);
-    bool is_same = status == TL_OK && !*end && reader->is_file;
+    bool is_same = status == TL_OK && !*end && tl_csv_file_is_regular(reader->file);
     for (int same = 1; is_same; same++) {
         reader->next_status = read_row(reader, &reader->next, &reader->next_end, &reader->next_error);
         is_same = reader->next_status == TL_OK && !reader->next_end && reader->next.time == row->time;
@@ -189,8 +217,11 @@ tl_status tl_csv_next(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_erro
 }
 
 tl_csv_form tl_csv_get_form(const tl_csv_reader *reader) {
-    tl_csv_form form = {.clock = reader->table.clock, .merged = reader->merged};
-    tl_csv_table_describe(&reader->table, form.text);
+    tl_csv_form form = {.clock = reader->table.clock, .merged = reader->merged, .files = reader->path_count};
+    const char *file = tl_csv_file_form(reader->file);
+    char table[TL_CSV_FORM];
+    tl_csv_table_describe(&reader->table, table);
+    (void)snprintf(form.text, sizeof form.text, "%s%s%s", file, file[0] != '\0' && table[0] != '\0' ? ", " : "", table);
     return form;
 }
 
@@ -198,9 +229,8 @@ void tl_csv_close(tl_csv_reader *reader) {
     if (reader == NULL) {
         return;
     }
-    if (reader->file >= 0) {
-        (void)close(reader->file);
-    }
+    tl_csv_file_close(reader->file);
+    tl_csv_file_list_free(reader->paths, reader->path_count);
     tl_csv_table_release(&reader->table);
     free(reader);
 }

@@ -3,7 +3,8 @@
  * Purpose: tl_csv_reader reads a recording row by row (`twinlock replay`, `plant`). tl_csv_driver
  *          plays a file in real time, or reads a file or FIFO while another program writes it
  *          (thesis 5.4.2). It converts row times to stamps of CLOCK_MONOTONIC.
- * Format:  see docs/reference/files.md, "Recordings": a header row; commas, semicolons or tabs
+ * Format:  see docs/reference/files.md, "Recordings": UTF-8; the reader also takes gzip, UTF-16 and
+ *          folders of files (csv_file.h). A header row; commas, semicolons or tabs
  *          separate the cells: the first of these by which all columns are found. A row of units
  *          may follow. One column is the time (csv_time.h). An empty cell means "no new value".
  *          Cells may be quoted and have spaces around them; lines end with LF or CRLF. A UTF-8 byte
@@ -23,10 +24,11 @@
 
 typedef struct tl_csv_reader tl_csv_reader;
 
-/* Opens a file and reads its header. Copies all settings. The caller closes the reader. Errors:
- * TL_BAD_DATA: the file cannot be opened or read, is empty or a device; a requested column is
- * missing (the text lists the existing ones) or occurs twice; the file is compressed or in UTF-16;
- * a quote is not closed; the header exceeds 64 KiB; or more than TL_MAX_SIGNALS columns are
+/* Opens a file and reads its header. If the path is a folder, its files are read one after the
+ * other, as one; each has a header. Copies all settings. The caller closes the reader. Errors:
+ * TL_BAD_DATA: those of csv_file.h; the file is empty; a requested column is missing (the text
+ * lists the existing ones) or occurs twice; the file is compressed, but not by gzip; a quote is not
+ * closed; the header exceeds 64 KiB; or more than TL_MAX_SIGNALS columns are
  * requested. TL_TRY_AGAIN: out of memory or descriptors. */
 tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, tl_error *error);
 
@@ -40,9 +42,10 @@ tl_status tl_csv_next(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_erro
 
 /* How the rows read so far are written. */
 typedef struct tl_csv_form {
-    char text[TL_CSV_FORM]; /* see tl_csv_table_describe() */
-    tl_csv_clock clock;     /* of the times */
-    int64_t merged;         /* rows with the time of the row before */
+    char text[TL_CSV_FORM + 16]; /* of tl_csv_file_form() and tl_csv_table_describe() */
+    tl_csv_clock clock;          /* of the times */
+    int64_t merged;              /* rows with the time of the row before */
+    size_t files;
 } tl_csv_form;
 
 tl_csv_form tl_csv_get_form(const tl_csv_reader *reader);

@@ -223,7 +223,7 @@ enum {
 
 static const tl_option OPTIONS[] = {
     {INIT, "recording", "FILE", tl_option_text, SETS(recording),
-     .help = "a CSV file: its columns become signals, if their names fit variables of the FMUs"},
+     .help = "a CSV file or a folder of them: its columns become signals, if their names fit variables of the FMUs"},
     {INIT, "plant", "FILE", tl_option_text, SETS(plant), .alone = true,
      .help = "a JSON file with \"sources\" and \"plant\" of a configuration, for example of `script/dbc2json`"},
     {INIT, "modbus", "HOST[:PORT]", tl_option_text, SETS(modbus), .alone = true,
@@ -237,9 +237,10 @@ static const tl_option OPTIONS[] = {
      .help = "instead, measure noise and message times of a recording, replay it with several horizons, and propose "
              "\"between\", \"condition\", tolerances and the horizon; this takes a minute or more"},
     {REPLAY, "recording", "FILE", tl_option_text, SETS(recording),
-     .help = "a CSV file, or a database that `twinlock run` wrote; default: that of CONFIG"},
+     .help = "a CSV file, a folder of them, or a database that `twinlock run` wrote; default: that of CONFIG"},
     {PLANT, "recording", "FILE", tl_option_text, SETS(recording),
-     .help = "the CSV file to play, or with \"emulate\" the inputs of the FMUs; default: that of CONFIG"},
+     .help =
+         "the CSV file or folder of them to play, or with \"emulate\" the inputs of the FMUs; default: that of CONFIG"},
     {REPLAY | EXPLAIN, "run", "N", read_run, SETS(run), .help = "run of a database; default: its last run",
      .expected = "the number of a run, for example 3"},
     {CHECK, "run", "N", read_run, SETS(run), .needs = "recording",

@@ -216,8 +216,9 @@ static void add_column(initialisation *self, size_t column) {
 static tl_status read_columns(initialisation *self) {
     const char *path = self->options->recording;
     struct stat found;
-    if (stat(path, &found) == 0 && !S_ISREG(found.st_mode)) {
-        return tl_fail(&self->error, TL_BAD_DATA, "%s: this is not a regular file (expected a CSV file)", path);
+    if (stat(path, &found) == 0 && !S_ISREG(found.st_mode) && !S_ISDIR(found.st_mode)) {
+        return tl_fail(&self->error, TL_BAD_DATA, "%s: this is no regular file (expected a CSV file or a folder)",
+                       path);
     }
     tl_status status = tl_csv_columns_read(path, &self->columns, &self->error);
     if (status != TL_OK) {

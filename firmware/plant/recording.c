@@ -731,6 +731,9 @@ void tl_recording_log_form(const tl_recording *recording) {
     if (form->clock.is_guessed || form->clock.form == TL_CSV_TIME_ZONELESS) {
         tl_utc_text(recording->start / 1000000, begin);
     }
+    if (form->files > 1) {
+        tl_log(TL_LOG_NOTICE, "%s: %zu files, read in the order of their names", recording->path, form->files);
+    }
     if (form->text[0] != '\0') {
         tl_log(TL_LOG_NOTICE, "%s: read with %s%s%s", recording->path, form->text, begin[0] != '\0' ? " from " : "",
                begin);

@@ -31,6 +31,7 @@ OWNERS = {
     "cJSON.h": ("firmware/config", "firmware/base/json.c"),
     "sqlite3.h": ("firmware/store",),
     "expat.h": ("firmware/fmu",),
+    "zlib.h": ("board/csv",),
     "zip.h": ("firmware/fmu",),
     "seccomp.h": ("firmware/process",),
     "landlock.h": ("firmware/process",),

@@ -2,10 +2,12 @@
 """Recordings as people have them: the same rows in other forms give the same twin, bit by bit."""
 import csv
 import gzip
+import json
+import lzma
 from datetime import datetime, timedelta, timezone
 from decimal import Decimal
 
-from twinlock_test import BAD_DATA, SOURCE, edited_config, expect, expect_line, main, run, scratch
+from twinlock_test import BAD_DATA, SOURCE, edited_config, expect, expect_line, main, run, run_well, scratch
 
 LOCK = SOURCE / "config/motor/lock.json"
 COLUMNS = ("t", "omega", "M_brake")
@@ -147,10 +149,57 @@ def test_a_clock_of_whole_seconds():
     expect_refused(path, "line 6|0.000000000 s|fractions")
 
 
-def test_compressed():
-    path = scratch() / "own.csv.gz"
-    path.write_bytes(gzip.compress(lines([COLUMNS, *ROWS]).encode()))
-    expect_refused(path, "gzip -dc")
+def write_days(folder):
+    """The recording as three files: the first in UTF-16, the last compressed."""
+    folder.mkdir()
+    third = len(ROWS) // 3
+    parts = [lines([COLUMNS, *ROWS[begin:end]]) for begin, end in ((0, third), (third, 2 * third), (2 * third, None))]
+    (folder / "day8.csv").write_bytes(parts[0].encode("utf-16"))
+    (folder / "day9.csv").write_text(parts[1], encoding="utf-8")
+    (folder / "day10.csv.gz").write_bytes(gzip.compress(parts[2].encode()))
+    return folder
+
+
+def test_compressed_wide_and_split():
+    expected, _ = replayed(lines([COLUMNS, *ROWS]))
+    folder = scratch()
+    path, result = folder / "own.csv.gz", folder / "result.csv"
+    path.write_bytes(gzip.compress(lines([COLUMNS, *ROWS]).encode("utf-16")))
+    for recording, form in ((path, ["own.csv.gz|gzip, UTF-16"]), (write_days(folder / "days"), ["days|3 files", "days|gzip"])):
+        code, _, err = run(["replay", LOCK, "--recording", recording, "--csv", result])
+        expect(code == 0, err)
+        expect(result.read_bytes() == expected, "another twin")
+        for parts in form:
+            expect_line(err, parts)
+
+
+def test_init_and_check_read_a_folder():
+    folder = scratch()
+    days = write_days(folder / "days")
+    made = folder / "made.json"
+    code, _, err = run(["init", "motor.fmu", "--recording", days, "--output", made])
+    expect(code == 0, err)
+    expect_line(err, "days|3 files")
+    document = json.loads(made.read_text(encoding="utf-8"))
+    expect(document["recording"] == {"file": "days", "time_column": "t"}, document["recording"])
+    expect("omega" in document["plant"], document["plant"])
+    said = json.loads(run_well(["check", LOCK, "--recording", days, "--json"]))
+    plain = json.loads(run_well(["check", LOCK, "--recording", SOURCE / "config/motor/recording.csv", "--json"]))
+    expect(said["signals"] == plain["signals"] and said["proposal"] == plain["proposal"], "other proposals")
+
+
+def test_other_compressions_name_the_command():
+    path = scratch() / "own.csv.xz"
+    path.write_bytes(lzma.compress(lines([COLUMNS, *ROWS]).encode()))
+    expect_refused(path, "xz -dc")
+
+
+def test_files_that_overlap():
+    days = write_days(scratch() / "days")
+    (days / "day11.csv").write_text(lines([COLUMNS, *ROWS[-2:]]), encoding="utf-8")
+    code, _, err = run(["replay", LOCK, "--recording", days])
+    expect(code == BAD_DATA, f"ended with {code}")
+    expect_line(err, f"day11.csv, line 2|{float(ROWS[-2][0]):.9f} s|{float(ROWS[-1][0]):.9f} s|day10.csv.gz|overlap")
 
 
 main()

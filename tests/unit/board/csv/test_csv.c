@@ -384,15 +384,184 @@ static void test_two_rows_with_one_time(void) {
 }
 
 static void test_files_that_are_no_text(void) {
-    expect_bad_open("\x1F\x8B\x08junk", "gzip -dc");
+    expect_bad_open("\x1F\x8B\x08junk", "compressed data|damaged");
     expect_bad_open("\xFD"
                     "7zXZ",
                     "xz -dc");
     expect_bad_open("BZh91AY", "bzip2 -dc");
     expect_bad_open("\x28\xB5\x2F\xFDx", "zstd -dc");
     expect_bad_open("PK\x03\x04junk", "CSV");
-    expect_bad_open("\xFF\xFEt", "iconv");
-    expect_bad_open("\xFE\xFF", "iconv");
+    expect_bad_open("\xFF\xFEt", "empty");
+}
+
+/* ---- decoded files ---- */
+
+static const char GZIP[] = {'\x1F', '\x8B', '\x08', '\x00', '\x00', '\x00', '\x00', '\x00', '\x02', '\x03', '\x2B',
+                            '\xC9', '\xCC', '\x4D', '\xD5', '\x29', '\xD5', '\x29', '\xE3', '\x32', '\xD0', '\x31',
+                            '\xD4', '\x31', '\xE2', '\x32', '\xD4', '\x31', '\xD6', '\x31', '\xE1', '\x02', '\x00',
+                            '\x67', '\x64', '\xBA', '\x53', '\x15', '\x00', '\x00', '\x00'};
+
+static tl_status open_bytes(const char *bytes, size_t size) {
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = UV, .column_count = 2};
+    close_reader();
+    put(bytes, size);
+    return tl_csv_open(&settings, &reader, &error);
+}
+
+static void test_gzip(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, open_bytes(GZIP, sizeof GZIP));
+    expect_row(0, 1, 2);
+    expect_row(TL_SECOND, 3, 4);
+    expect_end();
+    expect_form("gzip");
+}
+
+static void test_damaged_gzip(void) {
+    char bytes[sizeof GZIP];
+    memcpy(bytes, GZIP, sizeof bytes);
+    bytes[sizeof bytes - 5] ^= 1; /* of the checksum or the length */
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, open_bytes(bytes, sizeof bytes));
+    expect_text("compressed data|damaged");
+    error = (tl_error){TL_OK, ""};
+    TEST_ASSERT_EQUAL_INT(TL_OK, open_bytes(GZIP, sizeof GZIP - 8));
+    expect_row(0, 1, 2);
+    expect_row(TL_SECOND, 3, 4);
+    expect_bad_row("compressed data|incomplete");
+}
+
+/* Widens ASCII to UTF-16, after a byte order mark. */
+static size_t widen(const char *text, bool big, char *wide) {
+    size_t size = 0;
+    wide[size++] = big ? '\xFE' : '\xFF';
+    wide[size++] = big ? '\xFF' : '\xFE';
+    for (; *text != '\0'; text++) {
+        wide[size++] = big ? '\0' : *text;
+        wide[size++] = big ? *text : '\0';
+    }
+    return size;
+}
+
+static void test_utf_16(void) {
+    char wide[128];
+    for (int big = 0; big < 2; big++) {
+        const size_t size = widen("time;u;v\r\n0;1,5;2\r\n", big == 1, wide);
+        TEST_ASSERT_EQUAL_INT(TL_OK, open_bytes(wide, size));
+        expect_row(0, 1.5, 2);
+        expect_end();
+        expect_form("UTF-16, semicolons");
+    }
+}
+
+/* A name of characters that have 2, 3 and 4 bytes in UTF-8, and halves of pairs alone. */
+static void test_utf_16_beyond_ascii(void) {
+    static const char bytes[] = "\xFE\xFF\0t\0,\x00\xB5\x20\xAC\xD8\x3D\xDE\x00\0,\xD8\x3D\0x\xDE\x00";
+    tl_csv_columns columns;
+    put(bytes, sizeof bytes - 1);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_columns_read(path, &columns, &error));
+    TEST_ASSERT_EQUAL_size_t(3, columns.count);
+    TEST_ASSERT_EQUAL_STRING("\xC2\xB5\xE2\x82\xAC\xF0\x9F\x98\x80", columns.names[1]);
+    TEST_ASSERT_EQUAL_STRING("x?", columns.names[2]);
+    tl_csv_columns_release(&columns);
+}
+
+/* Longer than is read at once, so pairs of bytes and lines are split. */
+static void test_a_long_utf_16_file(void) {
+    enum { ROWS = 9000, LONGEST = 16 * ROWS };
+    char *text = malloc(LONGEST);
+    char *wide = malloc(2 * LONGEST + 2);
+    TEST_ASSERT_NOT_NULL(text);
+    TEST_ASSERT_NOT_NULL(wide);
+    size_t length = (size_t)snprintf(text, LONGEST, "time,u,v\n");
+    for (int i = 0; i < ROWS; i++) {
+        length += (size_t)snprintf(text + length, LONGEST - length, "%d,%d,1\n", i, -i);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_OK, open_bytes(wide, widen(text, false, wide)));
+    for (int i = 0; i < ROWS; i++) {
+        expect_row(i * TL_SECOND, -i, 1);
+    }
+    expect_end();
+    free(wide);
+    free(text);
+}
+
+/* The live source does not decode: a program appends to its file. */
+static void test_kinds_that_the_live_source_refuses(void) {
+    const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = UV, .column_count = 2};
+    static const char *const begins[][2] = {
+        {"\x1F\x8B\x08", "gzip -dc"}, {"\xFF\xFEt", "iconv"}, {"\xFE\xFF", "iconv"}};
+    tl_csv_table table;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_table_make(&table, &settings, &error));
+    for (size_t i = 0; i < sizeof begins / sizeof begins[0]; i++) {
+        char line[8];
+        (void)snprintf(line, sizeof line, "%s", begins[i][0]);
+        TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_csv_table_header(&table, line, 1, &error));
+        expect_text(begins[i][1]);
+    }
+    tl_csv_table_release(&table);
+}
+
+/* ---- files of a folder ---- */
+
+static void put_file(const char *name, const char *text) {
+    char kept[PATH_MAX];
+    memcpy(kept, path, sizeof kept);
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, name));
+    put(text, strlen(text));
+    memcpy(path, kept, sizeof path);
+}
+
+static tl_status open_folder(void) {
+    error = (tl_error){TL_OK, ""};
+    const tl_csv_settings settings = {.path = scratch.folder, .time_column = "time", .columns = UV, .column_count = 2};
+    close_reader();
+    return tl_csv_open(&settings, &reader, &error);
+}
+
+static void test_files_in_the_order_of_their_names(void) {
+    put_file("day10.csv", "u;time;v\n5;2;6,5\n");
+    put_file("day9.csv", "time,u,v\n0,1,2\n1,3,\n");
+    put_file(".hidden", "junk");
+    put_file("day9b.csv", "time,u,v\n1,,4\n");
+    TEST_ASSERT_EQUAL_INT(TL_OK, open_folder());
+    expect_row(0, 1, 2);
+    expect_row(TL_SECOND, 3, 4);
+    expect_row(2 * TL_SECOND, 5, 6.5);
+    expect_end();
+    TEST_ASSERT_EQUAL_size_t(3, tl_csv_get_form(reader).files);
+    TEST_ASSERT_EQUAL_INT64(1, tl_csv_get_form(reader).merged);
+}
+
+static void test_files_that_do_not_follow(void) {
+    put_file("a.csv", "time,u,v\n0,1,2\n7,3,4\n");
+    put_file("b.csv", "time,u,v\n6.5,1,2\n");
+    TEST_ASSERT_EQUAL_INT(TL_OK, open_folder());
+    expect_row(0, 1, 2);
+    expect_row(7 * TL_SECOND, 3, 4);
+    bool end = true;
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_csv_next(reader, &row, &end, &error));
+    TL_EXPECT_PARTS("b.csv, line 2|6.500000000 s|7.000000000 s|a.csv|overlap", error.text);
+}
+
+static void test_a_bad_file_of_a_folder(void) {
+    static const char *const bad[][2] = {{"", "b.csv|empty"}, {"time,u\n", "b.csv, line 1|\"v\""}};
+    put_file("a.csv", "time,u,v\n0,1,2\n");
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        put_file("b.csv", bad[i][0]);
+        TEST_ASSERT_EQUAL_INT(TL_OK, open_folder());
+        expect_row(0, 1, 2);
+        bool end = true;
+        TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_csv_next(reader, &row, &end, &error));
+        TL_EXPECT_PARTS(bad[i][1], error.text);
+    }
+}
+
+static void test_a_folder_in_a_folder(void) {
+    char inner[PATH_MAX];
+    (void)snprintf(inner, sizeof inner, "%s", tl_scratch_path(&scratch, "inner"));
+    TEST_ASSERT_EQUAL_INT(0, mkdir(inner, 0700));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, open_folder());
+    TL_EXPECT_PARTS("inner|directory", error.text);
+    TEST_ASSERT_EQUAL_INT(0, rmdir(inner));
 }
 
 static void test_quotes_that_do_not_end(void) {
@@ -580,6 +749,16 @@ int main(void) {
     RUN_TEST(test_dates);
     RUN_TEST(test_two_rows_with_one_time);
     RUN_TEST(test_files_that_are_no_text);
+    RUN_TEST(test_gzip);
+    RUN_TEST(test_damaged_gzip);
+    RUN_TEST(test_utf_16);
+    RUN_TEST(test_utf_16_beyond_ascii);
+    RUN_TEST(test_a_long_utf_16_file);
+    RUN_TEST(test_kinds_that_the_live_source_refuses);
+    RUN_TEST(test_files_in_the_order_of_their_names);
+    RUN_TEST(test_files_that_do_not_follow);
+    RUN_TEST(test_a_bad_file_of_a_folder);
+    RUN_TEST(test_a_folder_in_a_folder);
     RUN_TEST(test_quotes_that_do_not_end);
     RUN_TEST(test_wrong_number_of_cells);
     RUN_TEST(test_times_that_are_none);
