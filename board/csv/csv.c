@@ -136,10 +136,11 @@ static tl_status check_order(const tl_csv_reader *reader, tl_time time, tl_error
                        reader->table.path, (long long)reader->lines.number, tl_seconds(time), tl_seconds(reader->time),
                        reader->paths[reader->path_next - 2]);
     }
-    return tl_fail(
-        error, TL_BAD_DATA,
-        "%s, line %lld: the time %.9f s is before %.9f s in the row before: remove the row, or correct its time",
-        reader->table.path, (long long)reader->lines.number, tl_seconds(time), tl_seconds(reader->time));
+    const bool is_local = reader->table.clock.form == TL_CSV_TIME_ZONELESS; /* perhaps the end of summer time */
+    return tl_fail(error, TL_BAD_DATA, "%s, line %lld: the time %.9f s is before %.9f s in the row before: %s",
+                   reader->table.path, (long long)reader->lines.number, tl_seconds(time), tl_seconds(reader->time),
+                   is_local ? "export UTC or local times with +01:00, or correct the row"
+                            : "remove the row, or correct its time");
 }
 
 static tl_status read_row(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error) {

@@ -40,23 +40,19 @@ static void put_point(tl_csv_file *file, uint32_t point) {
     }
 }
 
-static void put_unit(tl_csv_file *file, uint32_t unit) {
-    const bool is_second = unit >= 0xDC00 && unit < 0xE000;
-    if (is_second && file->high == 0) {
-        put_point(file, '?');
-    } else if (is_second) {
-        put_point(file, 0x10000 + ((file->high - 0xD800) << 10) + (unit - 0xDC00));
-    }
-    file->high = unit >= 0xD800 && unit < 0xDC00 ? unit : 0;
-    if (!is_second && file->high == 0) {
-        put_point(file, unit);
-    }
-}
-
+/* Joins the halves of a pair; a second half alone becomes a question mark, a first half nothing. */
 static void decode(tl_csv_file *file, const unsigned char *raw, size_t size) {
     for (size_t i = 0; i + 1 < size; i += 2) {
-        put_unit(file, file->encoding == UTF_16_BIG ? (uint32_t)(raw[i] << 8 | raw[i + 1])
-                                                    : (uint32_t)(raw[i + 1] << 8 | raw[i]));
+        const size_t low = file->encoding == UTF_16_BIG ? 1 : 0;
+        const uint32_t unit = (uint32_t)raw[i + 1 - low] << 8 | raw[i + low];
+        const bool is_first = (unit & 0xFC00) == 0xD800;
+        const bool is_second = (unit & 0xFC00) == 0xDC00;
+        if (!is_first) {
+            put_point(file, !is_second        ? unit
+                            : file->high == 0 ? '?'
+                                              : 0x10000 + ((file->high & 0x3FF) << 10 | (unit & 0x3FF)));
+        }
+        file->high = is_first ? unit : 0;
     }
 }
 
@@ -166,48 +162,27 @@ static int is_shown(const struct dirent *entry) {
     return entry->d_name[0] != '.';
 }
 
-/* Copies the names with the folder in front. Returns NULL if memory is out. */
-static char **join_names(const char *folder, struct dirent *const *entries, size_t count) {
-    char **list = calloc(count + 1, sizeof *list);
-    for (size_t i = 0; i < count && list != NULL; i++) {
-        const size_t size = strlen(folder) + 1 + strlen(entries[i]->d_name) + 1;
-        list[i] = malloc(size);
-        if (list[i] == NULL) {
-            tl_csv_file_list_free(list, i);
-            return NULL;
-        }
-        (void)snprintf(list[i], size, "%s/%s", folder, entries[i]->d_name);
-    }
-    return list;
-}
-
 tl_status tl_csv_file_list(const char *path, char ***paths, size_t *count, tl_error *error) {
-    struct stat about;
     struct dirent **entries = NULL;
-    char **list = NULL;
-    int found = 1;
-    if (stat(path, &about) != 0 || !S_ISDIR(about.st_mode)) {
-        list = calloc(1, sizeof *list);
-        if (list != NULL && (list[0] = strdup(path)) == NULL) {
-            free(list);
-            list = NULL;
-        }
-    } else {
-        found = scandir(path, &entries, is_shown, versionsort);
-        if (found <= 0) {
-            free(entries);
-            return tl_fail(error, TL_BAD_DATA, "%s: the directory %s (expected the files of a recording)", path,
-                           found == 0 ? "has no files" : strerror(errno));
-        }
-        list = join_names(path, entries, (size_t)found);
-        for (int i = 0; i < found; i++) {
-            free(entries[i]);
-        }
+    const int found = scandir(path, &entries, is_shown, versionsort); /* < 0: no folder */
+    if (found == 0) {
         free(entries);
+        return tl_fail(error, TL_BAD_DATA, "%s: the directory has no files (expected those of a recording)", path);
     }
-    *paths = list;
-    *count = (size_t)found;
-    return list != NULL ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
+    *count = found > 0 ? (size_t)found : 1;
+    *paths = calloc(*count, sizeof **paths);
+    bool is_whole = *paths != NULL;
+    for (size_t i = 0; i < *count; i++) {
+        char *joined = NULL;
+        const char *name = found > 0 ? entries[i]->d_name : "";
+        is_whole = is_whole && asprintf(&joined, "%s%s%s", path, found > 0 ? "/" : "", name) > 0;
+        if (is_whole) {
+            (*paths)[i] = joined;
+        }
+        free(found > 0 ? entries[i] : NULL);
+    }
+    free(entries);
+    return is_whole ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
 }
 
 void tl_csv_file_list_free(char **paths, size_t count) {

@@ -513,6 +513,16 @@ void tl_json_add_text(tl_json_writer *writer, const char *key, const char *text)
     (void)add(writer, key, text == NULL ? cJSON_CreateNull() : cJSON_CreateString(text));
 }
 
+void tl_json_add_members(tl_json_writer *writer, const char *text) {
+    cJSON *object = cJSON_Parse(text);
+    writer->failed = writer->failed || !cJSON_IsObject(object);
+    while (cJSON_IsObject(object) && object->child != NULL) {
+        cJSON *member = cJSON_DetachItemViaPointer(object, object->child);
+        (void)add(writer, member->string, member);
+    }
+    cJSON_Delete(object);
+}
+
 static void open_item(tl_json_writer *writer, const char *key, cJSON *item) {
     assert(writer->depth < TL_JSON_WRITER_DEPTH);
     writer->open[writer->depth] = add(writer, key, item);

@@ -120,6 +120,10 @@ void tl_json_add_count(tl_json_writer *writer, const char *key, uint64_t count);
 /* `text` must be UTF-8; NULL becomes null. */
 void tl_json_add_text(tl_json_writer *writer, const char *key, const char *text);
 
+/* Adds the members of the object `text` to the innermost object. If the text is no JSON object, the
+ * writer fails as if memory were out. */
+void tl_json_add_members(tl_json_writer *writer, const char *text);
+
 /* Opens an object or array inside the innermost one; at most TL_JSON_WRITER_DEPTH levels, including
  * the outermost (asserted). */
 void tl_json_open_object(tl_json_writer *writer, const char *key);

@@ -166,11 +166,29 @@ static bool write_line(tl_log_level level, const char *text, bool wait) {
 }
 
 static bool error_logged;
+static bool errors_are_kept;
+static char *kept[TL_LOG_KEPT];
+static size_t kept_count; /* may exceed TL_LOG_KEPT */
 
-static void note(int level) {
-    if (level == (int)TL_LOG_ERROR) {
-        __atomic_store_n(&error_logged, true, __ATOMIC_RELAXED);
+static void note(int level, const char *text) {
+    if (level != (int)TL_LOG_ERROR) {
+        return;
     }
+    __atomic_store_n(&error_logged, true, __ATOMIC_RELAXED);
+    if (__atomic_load_n(&errors_are_kept, __ATOMIC_RELAXED)) {
+        const size_t number = __atomic_fetch_add(&kept_count, 1, __ATOMIC_RELAXED);
+        if (number < TL_LOG_KEPT) {
+            kept[number] = strdup(text);
+        }
+    }
+}
+
+void tl_log_keep_errors(void) {
+    __atomic_store_n(&errors_are_kept, true, __ATOMIC_RELAXED);
+}
+
+const char *tl_log_kept_error(size_t number) {
+    return number < TL_LOG_KEPT ? kept[number] : NULL;
 }
 
 bool tl_log_has_error(void) {
@@ -192,7 +210,7 @@ void tl_log(tl_log_level level, const char *format, ...) {
     format_text(text, format, arguments);
     va_end(arguments);
     (void)write_line(level, text, true);
-    note((int)level);
+    note((int)level, text);
     errno = saved;
 }
 
@@ -221,7 +239,7 @@ bool tl_log_foreign(int level, const char *line, int patience) {
     }
     bool done = write_foreign(prefix, line, patience);
     if (done) {
-        note(level);
+        note(level, line);
     }
     return done;
 }

@@ -24,6 +24,9 @@
 
 #include "master/base/status.h"
 
+/* Most errors that are kept, see tl_log_keep_errors(). */
+enum { TL_LOG_KEPT = 256 };
+
 /* Bytes: of a message with its NUL, of a prefix with its NUL, of a plain or relayed line. */
 enum { TL_LOG_TEXT = 1024, TL_LOG_PREFIX = 64, TL_LOG_PLAIN = 16 * 1024 };
 
@@ -63,6 +66,14 @@ bool tl_log_foreign(int level, const char *line, int patience);
 /* Returns true if tl_log() or tl_log_foreign() has logged an error in this process. Errors by
  * tl_log_limited() do not count. Any thread. */
 bool tl_log_has_error(void);
+
+/* From now on also keeps the texts of the first TL_LOG_KEPT errors that tl_log_has_error() counts.
+ */
+void tl_log_keep_errors(void);
+
+/* Returns a kept text by its number, from 0; NULL after the last one. Call it while no other thread
+ * logs. The text is valid until the process ends. */
+const char *tl_log_kept_error(size_t number);
 
 /* Parses a line of a process that has called tl_log_use_levels(). Returns its level and sets *text
  * to the rest of the line. If the line has no level of ours, returns TL_LOG_FOREIGN and sets *text

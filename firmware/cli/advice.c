@@ -147,6 +147,8 @@ static const double LEAST_SHARE = 1e-12; /* of the nominal: leaves some digits f
 
 typedef struct warnings {
     FILE *file;
+    tl_json_writer *json; /* NULL: as text */
+    const tl_config *config;
     size_t count;
 } warnings;
 
@@ -159,6 +161,11 @@ static void warn(warnings *list, const char *path, const char *format, ...) {
     va_start(arguments, format);
     (void)vsnprintf(text + length, sizeof text - (size_t)length, format, arguments);
     va_end(arguments);
+    if (list->json != NULL) {
+        tl_problems_add_json(list->json, path, tl_config_line(list->config, path), text + length);
+        list->count++;
+        return;
+    }
     (void)fputs(list->count == 0 ? "warnings\n" : "", list->file);
     tl_wrapped_print(list->file, text, INDENT - 2, INDENT);
     list->count++;
@@ -607,9 +614,14 @@ static void check_initial(warnings *list, const tl_assembly *assembly) {
 }
 
 size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_response *responses,
-                       const tl_late_verification *rollback, const tl_read_back_report *states, FILE *file) {
+                       const tl_late_verification *rollback, const tl_read_back_report *states, FILE *file,
+                       tl_json_writer *json) {
     const tl_config *config = &assembly->config;
-    warnings list = {.file = file};
+    warnings list = {.file = file, .json = json, .config = config};
+    if (prognosis->error.status != TL_OK) {
+        warn(&list, "synchronise.adjust", "%.300s, with one step of an adjusted variable: a search would end the run",
+             prognosis->error.text);
+    }
     check_outputs(&list, config, prognosis);
     check_step(&list, config, prognosis);
     check_rollback(&list, rollback);

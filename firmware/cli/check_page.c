@@ -11,6 +11,7 @@
 #include "firmware/base/log.h"
 #include "firmware/base/text.h"
 #include "firmware/cli/advice.h"
+#include "firmware/cli/check_json.h"
 #include "firmware/cli/response.h"
 #include "firmware/config/config.h"
 #include "firmware/fmu/common_units.h"
@@ -799,6 +800,29 @@ static void print_reactions(const tl_assembly *assembly, const tl_response *resp
     }
 }
 
+static void print_forecast(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_response *responses,
+                           const tl_live_blocks *blocks, FILE *output) {
+    const tl_config *config = &assembly->config;
+    (void)fprintf(output, "%s: %s\n", config->path, config->name);
+    print_components(assembly, output);
+    print_time(assembly, output);
+    print_bounds(assembly, output);
+    print_mode(assembly, output);
+    print_synchronisation(assembly, responses, output);
+    print_delays(config, output);
+    print_needs(assembly, prognosis, output);
+    print_costs(assembly, prognosis, blocks, output);
+}
+
+static void print_tests(const tl_assembly *assembly, const tl_twin_job *job, const tl_late_verification *rollback,
+                        const tl_read_back_report *states, FILE *output) {
+    print_rollback_test(assembly, rollback, output);
+    print_read_back(assembly, states, output);
+    if (!job->unconfined) {
+        print_limits(assembly, job->memory, output);
+    }
+}
+
 static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, const tl_read_back_host *host,
                             FILE *output, tl_twin_check *found) {
     const tl_config *config = &assembly->config;
@@ -820,34 +844,23 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
         print_reactions(assembly, responses, output);
         return TL_OK;
     }
-    if (!is_usable) {
-        tl_log(TL_LOG_WARNING, "%s: %.300s, with one step of an adjusted variable: a search would end the run",
-               config->path, prognosis.error.text);
-    }
-    (void)fprintf(output, "%s: %s\n", config->path, config->name);
-    print_components(assembly, output);
-    print_time(assembly, output);
-    print_bounds(assembly, output);
-    print_mode(assembly, output);
-    print_synchronisation(assembly, responses, output);
-    print_delays(config, output);
-    print_needs(assembly, &prognosis, output);
     tl_live_blocks_of(config, saved_size(assembly), &blocks);
-    print_costs(assembly, &prognosis, &blocks, output);
+    if (!job->json) {
+        print_forecast(assembly, &prognosis, responses, &blocks, output);
+    }
     if (!job->brief && is_usable) {
         tl_late_verification_run(assembly, prognosis.next_tick, &rollback);
     }
-    print_rollback_test(assembly, &rollback, output);
     tl_read_back_run(assembly, is_usable ? host : NULL, &states);
-    print_read_back(assembly, &states, output);
-    if (!job->unconfined) {
-        print_limits(assembly, job->memory, output);
+    if (job->json) {
+        const tl_check_facts check = {assembly, &prognosis, responses, &rollback, &states};
+        return tl_check_json_print(&check, output, &prognosis.error);
     }
+    print_tests(assembly, job, &rollback, &states, output);
     if (!job->brief && is_usable && config->event.start.signal == NULL) {
         print_faster_keep(assembly, output);
     }
-    found->warnings =
-        (uint32_t)tl_advice_print(assembly, &prognosis, responses, &rollback, &states, output) + (is_usable ? 0 : 1);
+    found->warnings = (uint32_t)tl_advice_print(assembly, &prognosis, responses, &rollback, &states, output, NULL);
     found->least = prognosis.step_time;
     found->worst = prognosis.worst_time;
     found->memory = (uint64_t)facts.memory + facts.state_memory + blocks.queue + blocks.checkpoints;
@@ -883,7 +896,7 @@ tl_status tl_check_page_print(const tl_assembly *assembly, const tl_twin_job *jo
         find_useless_states(assembly, host, found->why);
     } else if (status == TL_OK) {
         status = print_page(assembly, job, host, page, found);
-    } else if (assembly->problems.report.count > 1) {
+    } else if (assembly->problems.report.count > 1 && !job->json) {
         tl_log(TL_LOG_ERROR, "%zu problems", assembly->problems.report.count);
     }
     if (job->variables) {

@@ -261,7 +261,7 @@ static const tl_option OPTIONS[] = {
      .help = "where the configuration of the run was: its FMUs are searched from there; default: beside the database"},
     {EXPLAIN, "save", NULL, tl_option_switch, SETS(save),
      .help = "also store the sentence with the finding, for `twinlock show`; default: the database is only read"},
-    {EXPLAIN | PROBE, "json", NULL, tl_option_switch, SETS(json), .help = "print one JSON object"},
+    {CHECK | EXPLAIN | PROBE, "json", NULL, tl_option_switch, SETS(json), .help = "print one JSON object"},
     {SHOW, "since", "TIME", read_since, SETS(since),
      .help = "only what came after a date (UTC: 2026-11-21, 2026-11-21T10:02) "
              "or in the last part of the run (90s, 15m, 8h, 2d); "
@@ -287,8 +287,6 @@ static const tl_option OPTIONS[] = {
     {SHOW, "csv", "TABLE", read_table, SETS(table),
      .help = "CSV table: outputs, adjustments, steps, samples, events, minutes or hours",
      .expected = "outputs, adjustments, steps, samples, events, minutes or hours", .alone = true},
-    {CHECK, "json", NULL, tl_option_switch, SETS(json), .needs = "recording",
-     .help = "with --recording: print one JSON object"},
     {REPLAY | RUN, "json", NULL, tl_option_switch, SETS(json), .help = "print the summary as one JSON object"},
     {SHOW, "json", NULL, tl_option_switch, SETS(json), .help = "print one JSON object", .alone = true},
     {REPLAY | RUN | SHOW, "verbose", NULL, tl_option_switch, SETS(verbose),

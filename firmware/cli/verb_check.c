@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "firmware/base/json.h"
 #include "firmware/base/log.h"
 #include "firmware/base/output.h"
 #include "firmware/base/text.h"
@@ -66,16 +67,15 @@ static tl_status log_other_methods(const tl_verb_job *job, const tl_component_me
     return status;
 }
 
-static tl_status check(tl_verb_job *job) {
+static tl_status check(tl_verb_job *job, FILE *page, tl_twin_check *found, tl_pair_verdict *pair) {
     job->order.task = TL_TASK_CHECK;
     job->order.reads_back = true;
-    job->order.variables = job->options->variables;
-    tl_twin_check found = {.warnings = 0};
+    job->order.json = job->options->json;
+    job->order.variables = job->options->variables && !job->options->json;
     tl_component_methods methods = {.rollback_inexact = 0};
-    tl_pair_verdict pair;
-    tl_status status = tl_verb_job_start(job, job->output);
+    tl_status status = tl_verb_job_start(job, page);
     if (status == TL_OK) {
-        status = tl_twin_child_check(job->child, &found, &job->error);
+        status = tl_twin_child_check(job->child, found, &job->error);
         tl_twin_child_get_methods(job->child, &methods);
     }
     if (status != TL_OK && status != TL_INTERRUPTED && methods.rollback_inexact != 0) {
@@ -92,8 +92,15 @@ static tl_status check(tl_verb_job *job) {
         tl_twin_child_close(job->child);
         job->child = NULL;
         const tl_twin_child_settings settings = tl_verb_job_settings(job, NULL);
-        status = tl_pair_verdict_find(&settings, &pair, &job->error);
+        status = tl_pair_verdict_find(&settings, pair, &job->error);
     }
+    return status;
+}
+
+static tl_status check_as_page(tl_verb_job *job) {
+    tl_twin_check found = {.warnings = 0};
+    tl_pair_verdict pair;
+    tl_status status = check(job, job->output, &found, &pair);
     if (status == TL_OK) {
         print_pair(&pair, &found.warnings, job->output);
         (void)fputs("no problem found", job->output);
@@ -104,6 +111,60 @@ static tl_status check(tl_verb_job *job) {
                       job->config.source_count != 0 ? ": `probe` asks it" : "");
     }
     return status;
+}
+
+/* ---- as JSON ---- */
+
+/* Prints the problems so far, also those of reading the configuration; `page`: of the FMU process.
+ * `pair`: NULL if there was a problem. */
+static tl_status print_json(const tl_verb_job *job, const char *page, const tl_pair_verdict *pair, tl_error *error) {
+    static const char *const verdicts[] = {"unknown", "same", "not deterministic", "one per process"};
+    tl_json_writer json;
+    tl_json_writer_begin(&json);
+    tl_json_add_text(&json, "configuration", job->options->subject);
+    tl_json_open_array(&json, "problems");
+    const char *text = tl_log_kept_error(0);
+    for (size_t i = 1; text != NULL; i++) {
+        tl_problems_add_logged(&json, job->options->subject, text);
+        text = tl_log_kept_error(i);
+    }
+    if (job->error.text[0] != '\0') { /* is logged at the end */
+        tl_problems_add_logged(&json, job->options->subject, job->error.text);
+    }
+    tl_json_close(&json);
+    if (pair != NULL) {
+        tl_json_add_members(&json, page);
+        tl_json_add_text(&json, "determinism", verdicts[pair->kind]);
+        tl_json_add_text(&json, "determinism_text", pair->text);
+    }
+    const tl_status status = tl_json_writer_print(&json, job->output, error);
+    tl_json_writer_free(&json);
+    return status;
+}
+
+/* `status`: of reading the configuration. */
+static tl_status check_as_json(tl_verb_job *job, tl_status status) {
+    char *page = NULL;
+    size_t size = 0;
+    tl_twin_check found = {.warnings = 0};
+    tl_pair_verdict pair;
+    tl_error error;
+    FILE *file = open_memstream(&page, &size);
+    if (file == NULL) {
+        return tl_fail(&job->error, TL_TRY_AGAIN, "not enough memory for the result");
+    }
+    status = status == TL_OK ? check(job, file, &found, &pair) : status;
+    tl_twin_child_close(job->child); /* no more of its lines come */
+    job->child = NULL;
+    tl_status printed = fclose(file) == 0 ? TL_OK : tl_fail(&error, TL_TRY_AGAIN, "not enough memory for the result");
+    if (printed == TL_OK) {
+        printed = print_json(job, page, status == TL_OK ? &pair : NULL, &error);
+    }
+    free(page);
+    if (printed != TL_OK) {
+        job->error = error;
+    }
+    return printed == TL_OK ? status : printed;
 }
 
 /* ---- a recording ---- */
@@ -169,10 +230,16 @@ static tl_status check_recording(tl_verb_job *job) {
 }
 
 int tl_verb_check(const tl_options *options) {
-    tl_verb_job job = {.options = options, .output = tl_output_claim(), .counts_problems = true};
+    const bool is_json = options->json && options->recording == NULL;
+    tl_verb_job job = {.options = options, .output = tl_output_claim(), .counts_problems = !is_json};
+    if (is_json) {
+        tl_log_keep_errors();
+    }
     tl_status status = tl_verb_job_read(&job, options->subject, NULL);
-    if (status == TL_OK) {
-        status = options->recording != NULL ? check_recording(&job) : check(&job);
+    if (is_json) {
+        status = check_as_json(&job, status);
+    } else if (status == TL_OK) {
+        status = options->recording != NULL ? check_recording(&job) : check_as_page(&job);
     }
     return tl_verb_job_end(&job, status);
 }

@@ -14,6 +14,7 @@
 #include "firmware/base/identity.h"
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
+#include "firmware/base/text.h"
 #include "firmware/config/config_reader.h"
 #include "firmware/config/json_document.h"
 
@@ -468,4 +469,34 @@ static void log_problem(void *context, tl_status status, const char *where, cons
 
 void tl_problems_init(tl_problems *problems, const char *file) {
     *problems = (tl_problems){.report = {.add = log_problem, .context = problems}, .file = file};
+}
+
+void tl_problems_add_json(tl_json_writer *json, const char *place, size_t line, const char *text) {
+    char clean[TL_LOG_TEXT];
+    tl_text_for_people(text, clean, sizeof clean);
+    tl_json_open_object(json, NULL);
+    tl_json_add_text(json, "place", place[0] != '\0' ? place : NULL);
+    tl_json_add_number(json, "line", line != 0 ? (double)line : (double)NAN);
+    tl_json_add_text(json, "text", clean);
+    tl_json_close(json);
+}
+
+/* A place is a JSON path, which has no space before its first point or bracket, unlike "column 7". */
+void tl_problems_add_logged(tl_json_writer *json, const char *file, const char *text) {
+    char place[TL_LOG_TEXT] = "";
+    size_t line = 0;
+    const size_t length = strlen(file);
+    if (strncmp(text, file, length) == 0 && strncmp(text + length, ": ", 2) == 0) {
+        text += length + 2;
+        line = tl_problems_take_line(&text);
+        line =
+            line == 0 && strncmp(text, "line ", 5) == 0 ? strtoul(text + 5, NULL, 10) : line; /* "line 1, column 7" */
+        const char *end = strstr(text, ": ");
+        const char *first = text + strcspn(text, " .[");
+        if (end != NULL && (*first != ' ' || first > end)) {
+            (void)snprintf(place, sizeof place, "%.*s", (int)(end - text), text);
+            text = end + 2;
+        }
+    }
+    tl_problems_add_json(json, place, line, text);
 }

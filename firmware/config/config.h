@@ -15,6 +15,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/base/json.h"
 #include "master/base/arena.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
@@ -396,5 +397,12 @@ void tl_problems_init(tl_problems *problems, const char *file);
 /* Parses the line number at the start of a problem's text ("line 12: found …") and moves *text
  * after it. Returns 0 if there is none. */
 size_t tl_problems_take_line(const char **text);
+
+/* Adds a problem or a warning to the innermost array, as an object with `place` (a JSON path; null:
+ * ""), `line` (null: 0) and `text`. */
+void tl_problems_add_json(tl_json_writer *json, const char *place, size_t line, const char *text);
+
+/* The same for a problem of `file` as it was logged, or any other error. */
+void tl_problems_add_logged(tl_json_writer *json, const char *file, const char *text);
 
 #endif

@@ -58,18 +58,18 @@ typedef struct tl_twin_job {
     int64_t tick;                    /* first tick (tl_twin_begin_at()), or that of the checkpoint */
     const unsigned char *checkpoint; /* saved twin to start from (tl_twin_load()); NULL: none */
     size_t checkpoint_size;
-    const unsigned char
-        *tunings;           /* array of tl_run_tuning, in order of ticks, each applied at its tick; may be unaligned */
-    size_t tunings_size;    /* bytes */
-    const char *path;       /* of the configuration, as given: relative names start at its folder */
-    const char *text;       /* the configuration */
-    const char *folder;     /* private, absolute, for files that FMUs write; "": none */
-    uint64_t memory;        /* bytes that the process may use; 0: no limit */
-    uint32_t user;          /* user ID to switch to; 0: no change */
-    tl_recording_time time; /* times of the replayed recording; zeroed: unknown */
-    tl_recording_keep keep; /* what components with "keep": "auto" kept in the recorded run */
+    const unsigned char *tunings; /* tl_run_tuning, in order of ticks, each applied at its tick; may be unaligned */
+    size_t tunings_size;          /* bytes */
+    const char *path;             /* of the configuration, as given: relative names start at its folder */
+    const char *text;             /* the configuration */
+    const char *folder;           /* private, absolute, for files that FMUs write; "": none */
+    uint64_t memory;              /* bytes that the process may use; 0: no limit */
+    uint32_t user;                /* user ID to switch to; 0: no change */
+    tl_recording_time time;       /* times of the replayed recording; zeroed: unknown */
+    tl_recording_keep keep;       /* what components with "keep": "auto" kept in the recorded run */
     tl_explanation_order explain; /* for TL_TASK_EXPLAIN */
     bool plain;       /* reuse no executions: no sequence cache, and every component executes in every candidate */
+    bool json;        /* the page is a JSON object (check_json.h) */
     bool variables;   /* the page lists the variables */
     bool reactions;   /* a check prints only the reactions to the adjusted variables, a line each (check_page.h) */
     bool brief;       /* a check without the late verification (twin_trial.h) */

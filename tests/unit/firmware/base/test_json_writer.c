@@ -63,6 +63,7 @@ static void fill_all_kinds(tl_json_writer *json) {
     tl_json_open_array(json, NULL);
     tl_json_close(json);
     tl_json_close(json);
+    tl_json_add_members(json, "{\"first\": 1, \"second\": [true]}");
     tl_json_add_text(json, "after", NULL);
 }
 
@@ -93,6 +94,8 @@ static void test_all_kinds(void) {
                              "\t\"list\":\t[1.5, {\n"
                              "\t\t\t\"text\":\t\"a \\\"quote\\\", \\n, ü\"\n"
                              "\t\t}, []],\n"
+                             "\t\"first\":\t1,\n"
+                             "\t\"second\":\t[true],\n"
                              "\t\"after\":\tnull\n"
                              "}\n",
                              printed);
@@ -118,6 +121,20 @@ static void test_numbers(void) {
                              printed);
 }
 
+static void fill_no_object(tl_json_writer *json) {
+    tl_json_add_members(json, "[1]");
+}
+
+static void fill_half_an_object(tl_json_writer *json) {
+    tl_json_add_members(json, "{\"a\": 1");
+}
+
+static void test_members_of_no_object(void) {
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, print(fill_no_object));
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, print(fill_half_an_object));
+    TEST_ASSERT_EQUAL_STRING("", printed);
+}
+
 /* Whichever allocation fails: no output, and no object with a missing member. */
 static void test_no_memory(void) {
     tl_status status = TL_TRY_AGAIN;
@@ -139,6 +156,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_all_kinds);
     RUN_TEST(test_numbers);
+    RUN_TEST(test_members_of_no_object);
     RUN_TEST(test_no_memory);
     return UNITY_END();
 }

@@ -48,6 +48,23 @@ static void test_an_error_is_remembered(void) {
     tl_stderr_expect("twinlock: warning: slow\nfmu: error\ntwinlock: warning: slow\ntwinlock: error: no disk\n");
 }
 
+static void test_kept_errors(void) {
+    begin();
+    tl_log(TL_LOG_ERROR, "before");
+    tl_log_keep_errors();
+    tl_log(TL_LOG_ERROR, "no disk %d", 1);
+    tl_log(TL_LOG_WARNING, "slow");
+    (void)tl_log_foreign(TL_LOG_ERROR, "no disk 2", 1000);
+    TEST_ASSERT_EQUAL_STRING("no disk 1", tl_log_kept_error(0));
+    TEST_ASSERT_EQUAL_STRING("no disk 2", tl_log_kept_error(1));
+    TEST_ASSERT_NULL(tl_log_kept_error(2));
+    for (int i = 2; i <= TL_LOG_KEPT; i++) {
+        tl_log(TL_LOG_ERROR, "more");
+    }
+    TEST_ASSERT_EQUAL_STRING("more", tl_log_kept_error(TL_LOG_KEPT - 1));
+    TEST_ASSERT_NULL(tl_log_kept_error(TL_LOG_KEPT));
+}
+
 static void test_levels(void) {
     begin();
     tl_log(TL_LOG_INFO, "not yet");
@@ -434,6 +451,7 @@ int main(void) {
     RUN_TEST(test_journal); /* first, before the style is detected */
     RUN_TEST(test_an_error_is_remembered);
     RUN_TEST(test_plain_lines);
+    RUN_TEST(test_kept_errors);
     RUN_TEST(test_levels);
     RUN_TEST(test_one_message_is_one_line);
     RUN_TEST(test_long_messages_are_cut_between_characters);

@@ -90,7 +90,7 @@ static void expect_count(size_t count) {
     size_t size = 0;
     free(printed);
     FILE *file = open_memstream(&printed, &size);
-    size_t given = tl_advice_print(&assembly, &prognosis, responses, &look, &states, file);
+    size_t given = tl_advice_print(&assembly, &prognosis, responses, &look, &states, file, NULL);
     (void)fclose(file);
     TEST_ASSERT_EQUAL_size_t_MESSAGE(count, given, printed);
     TEST_ASSERT_EQUAL_size_t(count, read_warnings());
