@@ -99,6 +99,7 @@ def test_all_files_are_in_our_folders():
             "./usr/lib/sysusers.d/twinlock.conf", "./usr/lib/tmpfiles.d/twinlock.conf", "./usr/lib/twinlock/",
             "./usr/lib/udev/rules.d/60-twinlock.rules", "./usr/share/bash-completion/completions/twinlock",
             "./usr/share/doc/twinlock/", "./usr/share/lintian/overrides/twinlock", "./usr/share/man/man1/twinlock.1.gz",
+            "./usr/share/man/man5/twinlock.json.5.gz",
             "./usr/share/twinlock/")
     paths = [path for _, _, path, _ in debian.contents(PACKAGE)]
     for path in paths:
