@@ -15,7 +15,7 @@
 
 #include "board/csv/csv_table.h"
 
-/* Bytes that are read at once; a multiple of a unit of UTF-16, which has at most 3 bytes in UTF-8. */
+/* Bytes that are read at once. Two of them, a unit of UTF-16, become at most three of UTF-8. */
 enum { CHUNK = 16 * 1024, LONGEST = 3 * CHUNK / 2 };
 
 typedef enum encoding { UNKNOWN, BYTES, UTF_16_LITTLE, UTF_16_BIG } encoding;

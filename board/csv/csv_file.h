@@ -19,8 +19,8 @@ typedef struct tl_csv_file tl_csv_file;
 tl_status tl_csv_file_open(const char *path, tl_csv_file **file, tl_error *error);
 
 /* Reads up to `room` bytes; *count is 0 at the end. A regular file that begins as gzip is
- * decompressed; a byte order mark of UTF-16 makes it UTF-16. `path`: for error texts. Errors: TL_BAD_DATA: the file cannot be read,
- * or its compressed data is damaged or incomplete. */
+ * decompressed; a byte order mark of UTF-16 makes it UTF-16. `path`: for error texts. Errors:
+ * TL_BAD_DATA: the file cannot be read, or its compressed data is damaged or incomplete. */
 tl_status tl_csv_file_read(tl_csv_file *file, const char *path, char *bytes, size_t room, size_t *count,
                            tl_error *error);
 
@@ -34,8 +34,9 @@ const char *tl_csv_file_form(const tl_csv_file *file);
 void tl_csv_file_close(tl_csv_file *file);
 
 /* Sets *paths to the file `path`, or if it is a folder to all files in it whose names do not begin
- * with a point, in the order of their names; numbers in names count as numbers. The caller frees it,
- * also after an error. Errors: TL_BAD_DATA: the folder is empty; TL_TRY_AGAIN: out of memory. */
+ * with a point, in the order of their names; numbers in names count as numbers. The caller frees
+ * it, also after an error. Errors: TL_BAD_DATA: the folder is empty; TL_TRY_AGAIN: out of memory.
+ */
 tl_status tl_csv_file_list(const char *path, char ***paths, size_t *count, tl_error *error);
 
 /* NULL is allowed. */

@@ -67,9 +67,8 @@ class Page:
         child = f"{place}{key}"
         if "properties" not in node and isinstance(inner, dict):
             child, raw = f"{child}.{COLLECTIONS.get(key, 'NAME')}", inner
-        for one in (raw, raw.get("else", {})):
-            if "properties" in self.resolved(one):
-                self.sections.append((child, one))
+        branches = [raw] if "properties" in self.resolved(raw) else [node.get("then", {}), node.get("else", {})]
+        self.sections += [(child, one) for one in branches if "properties" in self.resolved(one)]
 
     def write(self):
         self.sections = [("", self.schema)]

@@ -61,11 +61,11 @@ void tl_prognosis_make(const tl_assembly *assembly, tl_prognosis *prognosis);
  * Thread:  one thread.
  */
 
-/* Prints each warning as a paragraph that begins with the JSON path, at most 79 columns wide.
- * If `json` is not NULL, adds each one to its innermost array instead, as an object with `place`,
- * `line` (or null) and `text`. Returns the number of warnings. `responses`: one per adjusted variable (response.h). `rollback`:
- * result of the rollback test after the dry run (twin_trial.h). `states`: result of the test of
- * saved states (read_back.h). */
+/* Prints each warning as a paragraph that begins with the JSON path, at most 79 columns wide. If
+ * `json` is not NULL, adds each one to its innermost array instead (tl_problems_add_json()).
+ * Returns the number of warnings. `prognosis`: its error is that of the responses' measurement.
+ * `responses`: one per adjusted variable (response.h). `rollback`: result of the rollback test
+ * after the dry run (twin_trial.h). `states`: result of the test of saved states (read_back.h). */
 size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_response *responses,
                        const tl_late_verification *rollback, const tl_read_back_report *states, FILE *file,
                        tl_json_writer *json);

@@ -481,7 +481,7 @@ void tl_problems_add_json(tl_json_writer *json, const char *place, size_t line, 
     tl_json_close(json);
 }
 
-/* A place is a JSON path, which has no space before its first point or bracket, unlike "column 7". */
+/* A place is a JSON path: no space before its first point or bracket, unlike "column 7". */
 void tl_problems_add_logged(tl_json_writer *json, const char *file, const char *text) {
     char place[TL_LOG_TEXT] = "";
     size_t line = 0;
