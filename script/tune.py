@@ -646,7 +646,7 @@ def find_recordings(options, document):
 
 def content_of(path):
     """The bytes of a file, or of all files of a folder, as the recording is read."""
-    return b"".join(file.read_bytes() for file in sorted(path.iterdir())) if path.is_dir() else path.read_bytes()
+    return b"".join(file.read_bytes() for file in sorted(path.iterdir()) if file.is_file()) if path.is_dir() else path.read_bytes()
 
 
 def key_of(options, document, recordings):

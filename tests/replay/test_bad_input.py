@@ -465,7 +465,7 @@ def test_folders_instead_of_files():
     for verb in ("check", "replay", "run", "plant"):
         expect_refused([verb, folder], BAD_DATA, f"{folder}|Is a directory")
     expect_refused(["show", folder], BAD_DATA, str(folder))
-    expect_refused(["replay", FREE, "--recording", folder], BAD_DATA, f"{folder}|Is a directory")
+    expect_refused(["replay", FREE, "--recording", folder], BAD_DATA, f"{folder}|no files")
     expect_refused(["replay", FREE, "--csv", folder], TRY_AGAIN, f"{folder}|Is a directory")
     expect_refused(["replay", FREE, "--db", folder], BAD_DATA, str(folder))
 

@@ -211,6 +211,13 @@ def test_a_replay_that_takes_too_long_is_not_repeated():
     expect(summary is None and why == "took 0.1 s" and len(calls) == 1, f"{summary}, {why}, {len(calls)} calls")
 
 
+def test_a_folder_is_one_recording():
+    folder = scratch()
+    for name, text in (("b.csv", "2"), ("a.csv", "1")):
+        (folder / name).write_text(text, encoding="utf-8")
+    expect(tune.content_of(folder) == b"12" and tune.content_of(folder / "b.csv") == b"2", "other bytes")
+
+
 def test_usage():
     whole()
     own = FOLDER / "tclab.json"

@@ -128,6 +128,14 @@ static void test_states_that_another_process_cannot_read(void) {
     expect_none();
 }
 
+static void test_an_fmu_that_fails_after_one_step_of_a_variable(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
+    prognosis.error = (tl_error){TL_FMU_FAILED, "motor: it refused"};
+    expect_one("synchronise.adjust|motor: it refused|would end the run");
+    prognosis.error = (tl_error){TL_OK, ""};
+    expect_none();
+}
+
 static void test_a_step_that_takes_too_long(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
     prognosis.step_time = 12000000;
@@ -332,6 +340,7 @@ int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_advice");
     RUN_TEST(test_nothing_to_say);
     RUN_TEST(test_states_that_another_process_cannot_read);
+    RUN_TEST(test_an_fmu_that_fails_after_one_step_of_a_variable);
     RUN_TEST(test_a_step_that_takes_too_long);
     RUN_TEST(test_an_fmu_that_does_not_come_back);
     RUN_TEST(test_an_fmu_that_fails_at_a_bound);
