@@ -46,19 +46,19 @@ def folder(kit):
 
 
 A = "JSON and keys"
-add(A, "comma before }", "line 20", "comma", text('"step": 0.12, "min": -1, "max": 1 }', '"step": 0.12, "min": -1, "max": 1, }'))
-add(A, "decimal comma", "line 4|step_s|0,01", "decimal point|0.01", text("0.01", "0,01"))
-add(A, "missing quote", "line 4", "quote|quotation mark", text('"step_s"', '"step_s'))
-add(A, "single quotes", "line 3|'", "double quotes", text('"name"', "'name'"))
-add(A, "comment", "line 7|//", "comment|comments", text('"J": 0.0515 }', '"J": 0.0515 } // inertia'))
-add(A, "missing comma", "line 4|duration_s", "comma", text('"step_s": 0.01,', '"step_s": 0.01'))
+add(A, "comma before }", "line 22|comma", "comma", text('"step": 0.12, "min": -1, "max": 1 }', '"step": 0.12, "min": -1, "max": 1, }'))
+add(A, "decimal comma", "line 4|0,01", "decimal point|0.01", text("0.01", "0,01"))
+add(A, "missing quote", "line 4|line break", 'quote|the "', text('"step_s"', '"step_s'))
+add(A, "single quotes", "line 3|'", 'double quotes|in "', text('"name"', "'name'"))
+add(A, "comment", "line 8|/", "comment|comments", text('"J": 0.0515 }', '"J": 0.0515 } // inertia'))
+add(A, "missing comma", "line 5", "comma", text('"step_s": 0.01,', '"step_s": 0.01'))
 add(A, "True for true", "line 2|True", "true", text('"twinlock": 1,', '"twinlock": True,'))
-add(A, "closing brace missing", "line 24|}", "}", lambda kit: [["check", kit.write("motor.json", kit.text(LOCK).rstrip().removesuffix("}").encode())]])
+add(A, "closing brace missing", "line 32|end of the file", "}", lambda kit: [["check", kit.write("motor.json", kit.text(LOCK).rstrip().removesuffix("}").encode())]])
 add(A, "byte order mark", "motor.json|byte order mark", "remove|without|UTF-8", raw(lambda kit: b"\xef\xbb\xbf" + original(kit)))
-add(A, "UTF-16 file", "motor.json|UTF-16", "UTF-8", raw(lambda kit: kit.text(LOCK).encode("utf-16")))
+add(A, "UTF-16 file", "motor.json|0xFF", "UTF-8", raw(lambda kit: kit.text(LOCK).encode("utf-16")))
 add(A, "Latin-1 file", "motor.json|line 3", "UTF-8", raw(lambda kit: kit.text(LOCK).replace("bench", "Prüfstand").encode("latin-1")))
 add(A, "empty file", "motor.json|empty", "init|{", raw(b""))
-add(A, "a folder", "motor|folder", ".json|file", folder)
+add(A, "a folder", "motor|directory", ".json|file", folder)
 add(A, "no right to read", "motor.json|Permission denied", "chmod|right to read|chown|read permission", unreadable)
 add(A, "an FMU as configuration", "motor.fmu", "init|JSON", lambda kit: [["check", kit.fmu("motor.fmu")]])
 add(A, "a recording as configuration", "recording.csv", "--recording|JSON", lambda kit: [["check", kit.recording()]])
@@ -71,8 +71,8 @@ add(A, "number for true", "synchronise.rest|1", "true or false|true", text('"alg
 add(A, "required key missing", "step_s", "required|add|expected", text('"step_s": 0.01,', ""))
 add(A, "unit misspelled", "rad/sec|plant.omega", "rad/s", text('"unit": "rad/s"', '"unit": "rad/sec"'))
 add(A, "key at the wrong level", "tolerance|synchronise", "match|synchronise.match", text('"algorithm": "secant"', '"algorithm": "secant", "tolerance": 1'))
-add(A, "signal without plant.", 'motor.omega|"omega"', "plant.omega", text('"to": "plant.omega"', '"to": "omega"'))
-add(A, "Windows path", "line 6|\\", "/|\\\\", text('"fmu": "drive.fmu"', '"fmu": "C:\\models\\drive.fmu"'))
+add(A, "signal without plant.", 'synchronise.match.motor.omega.to|"omega"', "plant.omega", text('"to": "plant.omega"', '"to": "omega"'))
+add(A, "Windows path", "line 7|\\models", "/|\\\\", text('"fmu": "drive.fmu"', '"fmu": "C:\\models\\drive.fmu"'))
 
 
 # ---- (b) FMU ----
@@ -133,9 +133,9 @@ add(B, "component misspelled", "connect[2][0]|motr.omega", "motor.omega", lines(
 add(B, "variable misspelled", 'connect[2]|"omga"', "omega", lines(["motor.omga", "drive.y"], drop=[["motor.omega", "drive.y"]]))
 add(B, "letter case", 'connect[2]|"Omega"', "omega", lines(["motor.Omega", "drive.y"], drop=[["motor.omega", "drive.y"]]))
 add(B, "output to output", "connect[3]|motor.omega|output", "input", lines(["drive.u_R", "motor.omega"]))
-add(B, "pair reversed", "connect[2]|motor.M_w|plant.torque", "swap|exchange|reverse|other way|reversed|from, to|[from, to]",
+add(B, "pair reversed", "connect[2][1]|plant.torque", "swap|exchange|reverse|other way|reversed|from, to|[from, to]",
     lines(["motor.M_w", "plant.torque"], drop=[["plant.torque", "motor.M_w"]]))
-add(B, "two sources of one input", "drive.y|connect[3]", "remove|only one|one of", lines(["plant.omega", "drive.y"]))
+add(B, "two sources of one input", "drive.y|connect[3]", "remove|only one|one of|at most one", lines(["plant.omega", "drive.y"]))
 add(B, "input not connected", "motor.M_w", "connect|components.motor.set", lines(drop=[["plant.torque", "motor.M_w"]]))
 add(B, "output adjusted", "synchronise.adjust.motor.omega|output", "input|tunable", adjust("motor.omega"))
 add(B, "fixed parameter adjusted", "synchronise.adjust.motor.J|fixed", "tunable", adjust("motor.J"))
@@ -149,7 +149,7 @@ add(B, "Model Exchange only", "components.motor|Model Exchange", "co-simulation|
 add(B, "cut zip", "components.motor|other.fmu", "copy|export|again", patch(corrupt))
 add(B, "zip without description", "components.motor|modelDescription.xml", "export|FMU|again",
     repacked(lambda name, data: None if name == "modelDescription.xml" else (name, data)))
-add(B, "min above max", "synchronise.adjust.motor.d|1|-1", "min < max|swap|exchange|below|above", text('"min": -1, "max": 1', '"min": 1, "max": -1'))
+add(B, "min above max", "synchronise.adjust.motor.d.max|1|-1", "min < max|swap|exchange|more than min", text('"min": -1, "max": 1', '"min": 1, "max": -1'))
 add(B, "nominal outside the bounds", "synchronise.adjust.motor.d|0.0031|0.01", "widen|expected|inside|correct", text('"min": -1', '"min": 0.01'))
 add(B, "signal's unit is another", "plant.omega|1/min|rad/s", "scale", text('"unit": "rad/s"', '"unit": "1/min"'))
 add(B, "step_s 0", "step_s|0", "1e-05|1e-5|0.00001", text('"step_s": 0.01', '"step_s": 0'))
@@ -162,13 +162,13 @@ add(B, "algorithm misspelled", "synchronise.algorithm|nelder_mead", "nelder-mead
 
 # ---- (c) devices ----
 
-def probe(change=None, values=None, **server):
+def probe(change=None, **server):
     """check and probe of config/motor/live.json at a Modbus server with its registers."""
     def make(kit):
         port = kit.serve(**server)
         inner = change(kit) if callable(change) else change or {}
         source = {"sources": {"inverter": {"modbus_tcp": {"port": port}}}, "plant": {"omega": {"stale_s": 5}, "torque": {"stale_s": 5}}}
-        config = kit.patch(LIVE, kit.merge(kit.merge(source, inner), values or {}))
+        config = kit.patch(LIVE, source, inner)
         return [["check", config], ["probe", config, "--duration", "2"]]
     return make
 
@@ -186,7 +186,7 @@ def tcp(**keys):
 
 
 def other_source(kind, keys, **signal):
-    """A source of another kind for one signal; a closed port for the other one."""
+    """A source of another kind for one signal."""
     name = {"modbus_rtu": "modbus"}.get(kind, kind)
     return {"sources": {"line": {kind: keys}},
             "plant": {"omega": {**({"modbus": None} if name != "modbus" else {}), name: {"source": "line", **signal}}}}
@@ -221,15 +221,15 @@ def forbidden_line(kit):
 
 RTU = {"table": "input", "address": 0, "type": "float32"}
 C = "devices"
-add(C, "host wrong", "inverter|192.0.2.1", "check host|check the host|host", probe(tcp(host="192.0.2.1")), True)
-add(C, "host name does not resolve", "inverter|plc7.invalid", "check host|check the host|host|IP address", probe(tcp(host="plc7.invalid")), True)
-add(C, "port closed", "inverter|refused", 'check port|port|"port": 502', probe(closed_port), True)
-add(C, "unit id wrong", "plant.omega|unit_id", '"unit_id": 1', probe(both({"unit_id": 9}, {"unit_id": 9})), True)
+add(C, "host wrong", "omega|192.0.2.1", "check host|check the host|host", probe(tcp(host="192.0.2.1")), True)
+add(C, "host name does not resolve", "omega|plc7.invalid", "check host|check the host|host|IP address", probe(tcp(host="plc7.invalid")), True)
+add(C, "port closed", "omega|refused", 'check port|port|"port": 502', probe(closed_port), True)
+add(C, "unit id wrong", "omega|unit 9", '"unit_id": 1', probe(both({"unit_id": 9}, {"unit_id": 9})), True)
 add(C, "address as 30001", "omega|30001", 'count from 0|"address": 0', probe(both({"address": 30001}, {"address": 30003})), True)
-add(C, "address one too high", "omega|address", '"address": 0', probe(both({"address": 1}, {"address": 3})), True)
-add(C, "address one too low", "omega|address", '"address": 1', probe(address=1), True)
-add(C, "wrong table", "omega|table", '"table": "input"', probe(both({"table": "holding"}, {"table": "holding"})), True)
-add(C, "wrong word order", "omega|words", '"words": "big"', probe(omega(words="little")), True)
+add(C, "address one too high", "omega|0", '"address": 0', probe(both({"address": 1}, {"address": 3})), True)
+add(C, "address one too low", "omega|0", '"address": 1', probe(address=1), True)
+add(C, "wrong table", "omega|holding", '"table": "input"', probe(both({"table": "holding"}, {"table": "holding"})), True)
+add(C, "wrong word order", "omega|427B EC8B", '"words": "big"', probe(omega(words="little")), True)
 add(C, "int16 for float32", "omega|17019", "type", probe(omega(type="int16")), True)
 add(C, "unsigned for signed", "torque|64.994", "type|int16", probe({"plant": {"torque": {"modbus": {"type": "uint16"}}}}, torque=-542), True)
 add(C, "scale 100 times too large", "torque|54.2", "scale", probe({"plant": {"torque": {"modbus": {"scale": 0.1}}}}), True)
@@ -240,17 +240,17 @@ add(C, "signal without source", "plant.omega", "modbus|can|csv", probe({"plant":
 add(C, "register past the end", "plant.omega.modbus.address|65535", "65534", probe(omega(address=65535)), True)
 add(C, "period shorter than the answers", "inverter|period_s|0.005", "period_s|raise", probe(tcp(period_s=0.005, timeout_s=1), slow_s=0.08), True)
 add(C, "timeout shorter than the answers", "timeout_s|0.02", "timeout_s|raise", probe(tcp(timeout_s=0.02), slow_s=0.1), True)
-add(C, "serial line missing", "line|/dev/ttyUSB7", "/dev/serial/by-id|plug|check device|device", probe(other_source("modbus_rtu", {"device": "/dev/ttyUSB7"}, **RTU)), True)
+add(C, "serial line missing", "omega|/dev/ttyUSB7", "/dev/serial/by-id|plug|check device|device", probe(other_source("modbus_rtu", {"device": "/dev/ttyUSB7"}, **RTU)), True)
 add(C, "serial line without rights", "/dev/pts|Permission denied", "dialout|group", forbidden_line, True)
-add(C, "a file as serial line", "line|recording.csv", "serial line|/dev/tty|/dev/serial",
+add(C, "a file as serial line", "omega|recording.csv", "serial line|/dev/tty|/dev/serial",
     probe(lambda kit: other_source("modbus_rtu", {"device": str(kit.recording())}, **RTU)), True)
-add(C, "CAN interface missing", "line|can7", "ip link|interface", probe(other_source("can", {"interface": "can7"}, id=1, start=0, type="float32", length=32)), True)
-add(C, "no CAN interface", "line|lo", "CAN interface|ip link|can0", probe(other_source("can", {"interface": "lo"}, id=1, start=0, type="float32", length=32)), True)
-add(C, "GPIO chip missing", "line|gpiochip7", "gpiodetect|chip", probe(other_source("gpio", {"chip": "gpiochip7"}, offset=3)), True)
-add(C, "one GPIO line twice", "plant.omega|plant.torque|3", "remove|another|one signal|only one", probe(
+add(C, "CAN interface missing", "omega|can7", "ip link|interface", probe(other_source("can", {"interface": "can7"}, id=1, start=0, type="float32", length=32)), True)
+add(C, "no CAN interface", "omega|lo", "CAN interface|ip link|can0", probe(other_source("can", {"interface": "lo"}, id=1, start=0, type="float32", length=32)), True)
+add(C, "GPIO chip missing", "omega|gpiochip7", "gpiodetect|chip", probe(other_source("gpio", {"chip": "gpiochip7"}, offset=3)), True)
+add(C, "one GPIO line twice", "plant.omega|3", "remove|another|one signal|only one", probe(
     {"sources": {"line": {"gpio": {"chip": "gpiochip7"}}}, "plant": {name: {"modbus": None, "gpio": {"source": "line", "offset": 3}} for name in ("omega", "torque")}}), True)
-add(C, "FIFO without writer", "line|values", "writer|writes|program that writes", probe(stream(fifo)), True)
-add(C, "stream's file missing", "line|values.csv", "csv.file|file|create", probe(stream(lambda kit: kit.folder / "values.csv")), True)
+add(C, "FIFO without writer", "omega|values", "writer|writes|program that writes", probe(stream(fifo)), True)
+add(C, "stream's file missing", "omega|values.csv", "csv.file|file|create", probe(stream(lambda kit: kit.folder / "values.csv")), True)
 add(C, "stream's column missing", "omega|speed", "csv.column", probe(stream(lambda kit: kit.recording(lambda rows: [rows[0].replace("omega", "speed"), *rows[1:]]))), True)
 
 
@@ -290,7 +290,7 @@ def clock(time):
 
 def other_database(kit):
     other = kit.folder / "tclab.db"
-    kit.run(["replay", kit.patch(TCLAB, {"duration_s": 20}, "tclab.json"), "--db", other])
+    kit.run(["replay", kit.patch(TCLAB, {"duration_s": 20}, name="tclab.json"), "--db", other])
     return [["replay", kit.patch(LOCK, {}), "--recording", other]]
 
 
@@ -308,26 +308,25 @@ def second_run(kit):
 
 D = "recordings and files"
 add(D, "file missing", "tuesday.csv", "monday.csv|--recording", lambda kit: [["replay", kit.patch(LOCK, {}), "--recording", kit.write("monday.csv", b"t\n").with_name("tuesday.csv")]])
-add(D, "column missing", "plant.omega|omega|speed", "csv.column", replay(header("t,speed,M_brake")))
+add(D, "column missing", "omega|speed", "csv.column", replay(header("t,speed,M_brake")))
 add(D, "time column missing", '"t"|time', "recording.time_column|time_column", replay(header("time,omega,M_brake")))
 add(D, "decimal comma, comma as separator", "line 2", "decimal point|decimal comma|semicolon", replay(lambda rows: [rows[0], *(row.replace(".", ",") for row in rows[1:])]))
-add(D, "time in milliseconds", "monday.csv|time|ms", "seconds|divide|/ 1000", replay(cells(0, milliseconds)))
-add(D, "time of day", "line 2|14:02:00", "seconds|date", replay(cells(0, clock)))
+add(D, "time in milliseconds", "monday.csv|time|milliseconds", "seconds|divide|/ 1000", replay(cells(0, milliseconds)))
+add(D, "time of day", "line 2|14:02:00.000000", "seconds|date", replay(cells(0, clock)))
 add(D, "time descending", "line 3|time", "sort|ascending|export|order", replay(lambda rows: [rows[0], *reversed(rows[1:])]))
 add(D, "no header", "line 1|monday.csv", "header|first line|names", replay(lambda rows: rows[1:]))
-add(D, "header again in the middle", "line 101|omega", "remove|header", replay(lambda rows: rows[:100] + rows[:1] + rows[100:]))
-add(D, "row of units", "line 2|rad/s", "remove|delete", replay(lambda rows: [rows[0], "s,rad/s,N.m", *rows[1:]]))
+add(D, "header again in the middle", "line 101|\"t\"", "remove|header", replay(lambda rows: rows[:100] + rows[:1] + rows[100:]))
 add(D, "empty file", "monday.csv|empty", "header|rows|first line", replay(b""))
-add(D, "only a header", "monday.csv|no rows|header", "record|rows|row", replay(lambda rows: rows[:1]))
+add(D, "only a header", "monday.csv|no row|header", "record|rows|row", replay(lambda rows: rows[:1]))
 add(D, "texts in a column", "plant.omega|ERROR", "number", replay(cells(1, lambda _: "ERROR")))
-add(D, "NaN everywhere", "plant.omega|nan", "csv.column|check|number", replay(cells(1, lambda _: "NaN")))
-add(D, "empty column", "plant.omega|empty", "csv.column|check|number", replay(cells(1, lambda _: "")))
-add(D, "compressed", "monday.csv.gz|gzip", "gunzip|unpack|decompress|gzip -d", replay(lambda rows: gzip.compress("\n".join(rows).encode()), "monday.csv.gz"))
+add(D, "NaN everywhere", "plant.omega|not a number", "csv.column|check|number", replay(cells(1, lambda _: "NaN")))
+add(D, "empty column", "plant.omega|no value", "csv.column|check|number", replay(cells(1, lambda _: "")))
+add(D, "compressed", "monday.csv.gz|compressed", "gunzip|unpack|decompress|gzip -dc", replay(lambda rows: gzip.compress("\n".join(rows).encode()), "monday.csv.gz"))
 add(D, "a workbook", "monday.xlsx", "CSV", replay(lambda _: b"PK\x03\x04\x14\0\x06\0\x08\0" + bytes(3000), "monday.xlsx"))
 add(D, "UTF-16 recording", "monday.csv|UTF-16", "UTF-8", replay(lambda rows: "\n".join(rows).encode("utf-16")))
-add(D, "recording of another twin", "M_brake|Q1", "csv.column", lambda kit: [["replay", kit.patch(LOCK, {}), "--recording", kit.config(TCLAB).with_name("recording.csv")]])
-add(D, "recording shorter than the horizon", "prediction|100", "longer|prediction", replay(lambda rows: rows[:20], patches={"synchronise": {"horizon": {"prediction": 100}}}))
-add(D, "database of another twin", "tclab.db|omega", "configuration|--recording", other_database)
+add(D, "recording of another twin", "recording.csv|Q1", "csv.column", lambda kit: [["replay", kit.patch(LOCK, {}), "--recording", kit.config(TCLAB).with_name("recording.csv")]])
+add(D, "recording shorter than the horizon", "recording|61|108", "longer|prediction", replay(lambda rows: rows[:20], patches={"synchronise": {"horizon": {"prediction": 100}}}))
+add(D, "database of another twin", "tclab.db|plant.Q1|plant.torque", "configuration of|must be the same", other_database)
 add(D, "database in a folder without rights", "data/twin.db", "rights|chown|permission|write|folder", closed_folder)
 add(D, "record file is no database", "monday.csv", "another|move|--db", lambda kit: [["replay", kit.patch(LOCK, {}), "--db", kit.write("monday.csv", b"t,omega\n0,1\n" * 100)]])
 add(D, "folder of the report missing", "reports/monday.html", "mkdir|create|folder", lambda kit: [["replay", kit.patch(LOCK, {}), "--report", kit.folder / "reports" / "monday.html"]])
@@ -341,7 +340,7 @@ def tried(change, rows=None, base=LOCK):
     """What a user runs in turn: check, replay, check --recording."""
     def make(kit):
         recording = kit.recording(rows) if base == LOCK else kit.config(base).with_name("recording.csv")
-        config = kit.patch(base, kit.merge({"recording": {"file": str(recording)}}, change))
+        config = kit.patch(base, {"recording": {"file": str(recording)}}, change)
         return [["check", config], ["replay", config], ["check", config, "--recording", recording]]
     return make
 
@@ -361,23 +360,23 @@ def friction(**keys):
 E = "the lock"
 add(E, "tolerance within the noise", "motor.omega|tolerance|0.05|noise", "three times|raise|0.3|0.94", tried(match(tolerance=0.05)))
 add(E, "tolerance far too large", "motor.omega|tolerance|1000", "noise|lower|smaller|three times", tried(match(tolerance=1000)))
-add(E, "bounds too narrow", "motor.d|bound", "widen|min|max", tried(friction(min=-0.01, max=0.01)))
-add(E, "bounds missing", "motor.d|bounds", "min|max", tried(friction(min=None, max=None)))
+add(E, "bounds too narrow", "synchronise.adjust.motor.d|-0.01|0.01", "widen|min|max", tried(friction(min=-0.01, max=0.01)))
+add(E, "bounds missing", "synchronise.adjust.motor.I_in|\"min\"", "Set it|set", tried({"synchronise": {"adjust": {"motor.d": None, "motor.I_in": {"step": 5}}}}))
 add(E, "two that act alike", "motor.d|motor.I_in", "remove|one of|only one|alike", tried({"synchronise": {"adjust": {"motor.I_in": {"step": 5, "min": -40, "max": 40}}}}))
 add(E, "signals swapped", "plant.torque|62.9811|-20|20", "csv.column|check|column", tried({"plant": {"torque": {"csv": {"column": "omega"}}, "omega": {"csv": {"column": "M_brake"}}}}))
-add(E, "horizon shorter than the reaction", "board.Q1|prediction|8", "prediction|longer", tried({"synchronise": {"horizon": {"prediction": 1}}}, base=TCLAB))
+add(E, "horizon shorter than the reaction", "synchronise.adjust.board.Q1|0.032", "prediction|longer", tried({"synchronise": {"horizon": {"prediction": 1}}}, base=TCLAB))
 add(E, "sign reversed", "motor.omega|-62.9", "sign|scale", tried({}, scaled(1, -1)))
 add(E, "sign of an input reversed", "plant.torque", "sign|scale", tried({}, scaled(2, -1)))
 add(E, "scale of an input times 10", "plant.torque|10", "scale", tried({}, scaled(2, 10)))
 add(E, "scale of an output times 10", "plant.omega|629.8|500", "scale", tried({}, scaled(1, 10)))
 add(E, "scale of an output times 1.5", "motor.omega|94.4", "scale", tried({}, scaled(1, 1.5)))
-add(E, "step 1000 times too large", "motor.d|step|120", "smaller|lower|reduce|0.12", tried(friction(step=120)))
-add(E, "step 1000 times too small", "motor.d|step|0.00012", "larger|raise|0.12", tried(friction(step=0.00012)))
+add(E, "step 1000 times too large", "synchronise.adjust.motor.d|step|120", "smaller|lower|reduce|0.12", tried(friction(step=120)))
+add(E, "step 1000 times too small", "synchronise.adjust.motor.d|step|0.00012", "larger|raise|0.12", tried(friction(step=0.00012)))
 add(E, "stale_s below the interval", "plant.omega|stale_s|0.01", "raise|stale_s", tried({"plant": {"omega": {"stale_s": 0.01}}}))
 add(E, "range too narrow", "plant.omega|50", "min|max|widen|range", tried({"plant": {"omega": {"min": -50, "max": 50}}}))
 add(E, "gate too narrow", "motor.omega|gate|0.01", "raise|gate|remove|noise", tried(match(condition={"low_pass_s": None, "gate": 0.01})))
 add(E, "low-pass too slow", "motor.omega|low_pass_s|2", "low_pass_s 0.0|shorter|reduce|lower", tried(match(condition={"low_pass_s": 2})))
-add(E, "search time too short", "budget.time_s|1e-06", "raise|time_s|longer", tried({"synchronise": {"budget": {"time_s": 1e-6}}}))
+add(E, "search time too short", "synchronise.budget|0.001 ms", "raise|time_s|longer", tried({"synchronise": {"budget": {"time_s": 1e-6}}}))
 
 
 # ---- (f) operation ----
@@ -406,9 +405,9 @@ def closed_socket(kit):
 
 def other_twin(kit):
     port = kit.serve()
-    config = kit.patch(LIVE, tcp(port=port), "motor.json")
+    config = kit.patch(LIVE, tcp(port=port))
     kit.start(["run", config, "--supervise", "--state", kit.folder / "state", "--control", kit.folder / "control"], kit.folder / "control")
-    return [["reload", kit.patch(TCLAB, {}, "tclab.json"), "--control", kit.folder / "control", "--no-activate"]]
+    return [["reload", kit.patch(TCLAB, {}, name="tclab.json"), "--control", kit.folder / "control", "--no-activate"]]
 
 
 F = "operation"
@@ -425,15 +424,15 @@ add(F, "configuration missing", "moter.json", "motor.json", command("check", "mo
 add(F, "show of a missing database", "nothing.db", "record.file|--db|run", command("show", "nothing.db"))
 add(F, "show of a configuration", "motor.json", "database|.db", command("show", "CONFIG"))
 add(F, "--since nonsense", "--since|yesterday", "8h|2026-11-21", shown("--since", "yesterday"))
-add(F, "run number that is none", "7|twin.db", "1|last", shown("--run", "7"))
+add(F, "run number that is none", "7|twin.db", "1|last|lists", shown("--run", "7"))
 add(F, "table that is none", "--csv|signals", "outputs|samples", shown("--csv", "signals"))
 add(F, "finding that is none", "9|twin.db", "show", lambda kit: [["finding", database(kit), "--acknowledge", "9"]])
 add(F, "run without live source", "plant.torque", "modbus|can|csv", command("run", "CONFIG"))
 add(F, "run with fill_in", "fill_in", "remove|fill in", lambda kit: [["run", kit.patch(LIVE, {"fill_in": {"plant.omega": "address"}})]])
 add(F, "plant without recording", "recording", "--recording|recording.file", lambda kit: [["plant", kit.patch(LIVE, {"recording": None})]])
 add(F, "reload without a run", "control", "--control|systemctl|run", command("reload", "CONFIG"))
-add(F, "reload without rights", "control|Permission denied", "sudo|group|root|user", closed_socket)
+add(F, "reload without rights", "control|permission denied", "sudo|group|root|user", closed_socket)
 add(F, "reload of another twin", "tclab|motor", "configuration|--control|name", other_twin, True)
 add(F, "init without FMU", "init", "FMU", command("init"))
-add(F, "role that is none", "--role|boss", "commission", command("token", "add", "anna", "--role", "boss"))
+add(F, "role that is none", "--role", "commission", command("token", "add", "anna", "--role", "boss"))
 add(F, "state without --supervise", "--state", "--supervise", command("run", "CONFIG", "--state", "state"))

@@ -53,14 +53,14 @@ class Kit:
             text = text.replace(old, new)
         return self.write("motor.json", text.encode())
 
-    def patch(self, base, change, name="motor.json"):
+    def patch(self, base, *changes, name="motor.json"):
+        """A configuration with merge patches, one after the other."""
         document = json.loads(self.text(base))
         if "file" in document.get("recording", {}):
             document["recording"]["file"] = str(self.config(base).with_name(document["recording"]["file"]))
-        return self.write(name, json.dumps(merge(document, change), indent=2, ensure_ascii=False).encode())
-
-    def merge(self, value, change):
-        return merge(value, change)
+        for change in changes:
+            document = merge(document, change)
+        return self.write(name, json.dumps(document, indent=2, ensure_ascii=False).encode())
 
     def fmu(self, name):
         return shutil.copy(self.fmus / name, self.folder / name) and self.folder / name
@@ -112,6 +112,8 @@ class Kit:
         self.loop = asyncio.new_event_loop()
 
         def trace(sending, pdu):
+            if sending and pdu.dev_id != 1:
+                pdu.exception_code = None
             if sending and slow_s:
                 time.sleep(slow_s)
             return pdu
@@ -149,8 +151,12 @@ def messages(output):
     found, indent = [], 0
     for line in output.splitlines():
         own = len(line) - len(line.lstrip())
+        signal = re.match(r"plant\.(\w+)\.modbus: (likely|perhaps|several) ", line)
+        rows = [i for i, message in enumerate(found) if signal and message.split()[:1] == [signal[1]]]
         if found and indent and own > indent and found[-1] and line.strip():
             found[-1] += " " + line.strip()
+        elif rows:  # probe: the proposal for a signal
+            found[rows[-1]] += " " + line
         else:
             found.append(line)
             indent = own
@@ -192,7 +198,7 @@ def measure(program, fmus, mistake):
     best = None
     try:
         for words in mistake.make(kit):
-            if best and not leads_to(best["output"], words) and best["verdict"] == "silent":
+            if best and not leads_to(output, words):
                 break
             code, output = kit.run(words)
             output = output.replace(str(kit.folder) + "/", "")
