@@ -106,19 +106,33 @@ static double rate_of(const probe_job *job, const tl_plant_probe_signal *signal)
     return job->found.lasted > 0 ? (double)signal->readings / tl_seconds(job->found.lasted) : 0;
 }
 
+/* Writes that a Modbus device delivers less than half of the readings that its polls should bring. */
+static void describe_slowness(const probe_job *job, size_t index, char *text, size_t size) {
+    const tl_config_signal *configured = &job->config.signals[index];
+    double period = job->config.sources[configured->source].period_s;
+    double expected = 1 / fmax(period, tl_seconds(configured->every));
+    double rate = rate_of(job, &job->found.signals[index]);
+    text[0] = '\0';
+    if (tl_probe_modbus_has_source(&job->config, configured->source) && 2 * rate < expected) {
+        (void)snprintf(text, size, "; %.3g readings/s instead of %.3g: the device is slow: raise period_s, now %g s",
+                       rate, expected, period);
+    }
+}
+
 static void describe_verdict(const probe_job *job, size_t index, char text[VERDICT]) {
     const tl_plant_probe_signal *signal = &job->found.signals[index];
     const tl_quality quality = signal->last.quality;
     char what[TL_CONFIG_DESCRIPTION];
     if (is_good(signal)) {
-        (void)snprintf(text, VERDICT, "ok%s%s%s", is_unchanged(signal) ? ", never changed" : "",
+        describe_slowness(job, index, what, sizeof what);
+        (void)snprintf(text, VERDICT, "ok%s%s%s%s", is_unchanged(signal) ? ", never changed" : "", what,
                        signal->cause[0] != '\0' ? "; " : "", signal->cause);
     } else if (quality == TL_NO_LINK && signal->cause[0] != '\0') {
         (void)snprintf(text, VERDICT, "no value: %s%s%s", signal->cause, signal->later[0] != '\0' ? "; then: " : "",
                        signal->later);
     } else {
         tl_config_describe_quality(&job->config, index, signal->last.value, quality, signal->age, what);
-        (void)snprintf(text, VERDICT, "%s: %s", what, tl_config_quality_remedy(quality));
+        (void)snprintf(text, VERDICT, "%s: %s", what, tl_config_quality_remedy(&job->config, index, quality));
     }
 }
 

@@ -143,8 +143,12 @@ static tl_status report_file(const char *path, tl_report *report) {
     bool passing = tl_shortage_is(errno) || errno == EIO;
     tl_status status = passing ? TL_TRY_AGAIN : TL_BAD_DATA;
     const char *cause = strerror(errno);
+    const char *remedy = errno == EISDIR   ? ": give the .json file in it"
+                         : errno == EACCES ? ": give this user the right to read it, with chmod or chown"
+                                           : "";
     char other[TL_OTHER_CASE_TEXT];
-    tl_report_add(report, status, "", "the configuration cannot be read: %s%s", cause, tl_other_case(path, other));
+    tl_report_add(report, status, "", "the configuration cannot be read: %s%s%s", cause, remedy,
+                  tl_other_case(path, other));
     return status;
 }
 
@@ -382,20 +386,23 @@ void tl_config_describe_quality(const tl_config *config, size_t signal, double v
     }
 }
 
-const char *tl_config_quality_remedy(tl_quality quality) {
+const char *tl_config_quality_remedy(const tl_config *config, size_t signal, tl_quality quality) {
+    bool is_column = config->signals[signal].source == SIZE_MAX; /* of a recording */
     switch (quality) {
     case TL_OUT_OF_RANGE:
-        return "check scale, address, word order";
+        return is_column ? "check csv.column, scale, min and max"
+                         : "check type, scale, address, word order; or widen min and max";
     case TL_STALE:
         return "lower period_s, or raise stale_s";
     case TL_NOT_A_NUMBER:
-        return "check the type; a CSV file needs numbers, or 0 and 1";
+        return is_column ? "check csv.column: a CSV file needs numbers, or 0 and 1"
+                         : "check type and words; a CSV file needs numbers, or 0 and 1";
     case TL_OUTLIER:
         return "check the gate of its condition";
     case TL_FROZEN:
         return "check the sensor";
     default:
-        return "see the message of its source";
+        return is_column ? "check csv.column, and that it has values" : "see the message of its source";
     }
 }
 

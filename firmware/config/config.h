@@ -277,7 +277,7 @@ size_t tl_config_write_keep(const tl_config *config, uint64_t unsaved, size_t fi
 bool tl_config_read_keep(const tl_config *config, const char *text, uint64_t *unsaved);
 
 /* Returns a remedy for the user, for example "check scale, address, word order". */
-const char *tl_config_quality_remedy(tl_quality quality);
+const char *tl_config_quality_remedy(const tl_config *config, size_t signal, tl_quality quality);
 
 /* Includes the further look-ups in signal_count. Call it before samples are taken. */
 void tl_config_use_lookups(tl_config *config);

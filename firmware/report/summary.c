@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "firmware/base/json.h"
+#include "firmware/base/log.h"
 #include "firmware/base/text.h"
 #include "firmware/monitor/finding.h"
 #include "firmware/monitor/lock_monitor.h"
@@ -36,6 +37,17 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
     };
     for (size_t i = 0; i < config->adjust_count; i++) {
         tl_run_figures_add_adjusted(&summary->figures, i, record->u[i], record->nominal[i]);
+        bool is_at_bound = record->u[i] <= config->adjust[i].lower || record->u[i] >= config->adjust[i].upper;
+        summary->at_bound[i] += is_at_bound ? 1 : 0;
+    }
+    for (size_t i = 0; i < config->match_count; i++) {
+        double difference = record->y[i] - record->measured[i];
+        if (record->measured_quality[i] == TL_GOOD && isfinite(difference)) {
+            summary->compared[i].count++;
+            summary->compared[i].y += record->y[i];
+            summary->compared[i].measured += record->measured[i];
+            summary->compared[i].squares += difference * difference;
+        }
     }
     tl_run_figures_add_step(&summary->figures, &step, config->step);
     summary->refused += record->refused.count;
@@ -66,20 +78,80 @@ static bool is_matched(const tl_config *config, size_t signal) {
     return false;
 }
 
-static tl_status fail_never_locked(const tl_summary *summary, const tl_config *config, tl_error *error) {
-    char text[TL_CONFIG_DESCRIPTION];
-    for (size_t i = 0; i < config->signal_count; i++) {
+static const double MANY_LOST = 0.05; /* share of the steps: more are worth a warning */
+static const double OFTEN = 0.2;      /* share of the steps at a bound that explains a loss */
+
+/* Writes which signal had no good value in half of the samples or more; returns false if none. Matched
+ * signals come first. */
+static bool describe_bad_signal(const tl_summary *summary, const tl_config *config, char text[TL_ERROR_TEXT]) {
+    char what[TL_CONFIG_DESCRIPTION];
+    for (size_t k = 0; k < 2 * config->signal_count; k++) {
+        size_t i = k % config->signal_count;
         uint32_t quality = summary->rejected[i].quality;
-        if (is_matched(config, i) && summary->samples > 0 && 2 * summary->not_good[i] >= summary->samples &&
-            quality <= TL_LAST_QUALITY) {
+        if (is_matched(config, i) == (k < config->signal_count) && summary->samples > 0 &&
+            2 * summary->not_good[i] >= summary->samples && quality <= TL_LAST_QUALITY) {
             tl_config_describe_quality(config, i, summary->rejected[i].value, (tl_quality)quality,
-                                       summary->rejected[i].age, text);
-            return tl_fail(error, TL_NOT_LOCKED,
-                           "never in lock: plant.%s had no good value in %" PRIu64 " of %" PRIu64
-                           " samples (last: %s): %s",
-                           config->signals[i].plan.name, summary->not_good[i], summary->samples, text,
-                           tl_config_quality_remedy((tl_quality)quality));
+                                       summary->rejected[i].age, what);
+            (void)snprintf(text, TL_ERROR_TEXT,
+                           "plant.%s had no good value in %" PRIu64 " of %" PRIu64 " samples (last: %s): %s",
+                           config->signals[i].plan.name, summary->not_good[i], summary->samples, what,
+                           tl_config_quality_remedy(config, i, (tl_quality)quality));
+            return true;
         }
+    }
+    return false;
+}
+
+/* Writes how far the worst output is off, and which variable was at a bound. */
+static void describe_error(const tl_summary *summary, const tl_config *config, char text[TL_ERROR_TEXT]) {
+    size_t worst = 0;
+    double most = -1.0;
+    size_t used = 0;
+    for (size_t i = 0; i < config->match_count; i++) {
+        double count = (double)summary->compared[i].count;
+        double error = sqrt(summary->compared[i].squares / count) / config->match[i].tolerance;
+        if (count > 0.0 && config->match[i].weight > 0.0 && error > most) {
+            most = error;
+            worst = i;
+        }
+    }
+    if (most >= 0.0) {
+        double count = (double)summary->compared[worst].count;
+        used = (size_t)snprintf(text, TL_ERROR_TEXT,
+                                "%.64s is %.4g on average, %.64s %.4g (rms error %.3g, tolerance %.3g): check sign, "
+                                "scale and unit of the signals",
+                                config->match[worst].variable, summary->compared[worst].y / count,
+                                config->match[worst].to, summary->compared[worst].measured / count,
+                                most * config->match[worst].tolerance, config->match[worst].tolerance);
+    } else {
+        used = (size_t)snprintf(text, TL_ERROR_TEXT, "check the matched signals");
+    }
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        const tl_plan_adjust *adjust = &config->adjust[i];
+        double share = (double)summary->at_bound[i] / (double)(summary->figures.adjust[i].count + 1);
+        if (share > OFTEN && used < TL_ERROR_TEXT) {
+            (void)snprintf(text + used, TL_ERROR_TEXT - used,
+                           "; %.64s was at a bound, %g or %g, in %.0f %% of the steps: widen min and max, if the plant "
+                           "can have more",
+                           adjust->variable, adjust->lower, adjust->upper, 100.0 * share);
+            return;
+        }
+    }
+}
+
+static void warn_of_loss(const tl_summary *summary, const tl_config *config) {
+    char text[TL_ERROR_TEXT];
+    double lost = (double)summary->lock.steps[TL_LOCK_LOST] / (double)(tl_lock_tally_total(&summary->lock) + 1);
+    if (lost > MANY_LOST) {
+        describe_error(summary, config, text);
+        tl_log(TL_LOG_WARNING, "lost in %.0f %% of the steps: %s", 100.0 * lost, text);
+    }
+}
+
+static tl_status fail_never_locked(const tl_summary *summary, const tl_config *config, tl_error *error) {
+    char text[TL_ERROR_TEXT];
+    if (describe_bad_signal(summary, config, text)) {
+        return tl_fail(error, TL_NOT_LOCKED, "never in lock: %s", text);
     }
     if (summary->lock.steps[TL_LOCK_LOST] == 0 && summary->lock.steps[TL_LOCK_DEGRADED] != 0) {
         return tl_fail(error, TL_NOT_LOCKED,
@@ -91,9 +163,8 @@ static tl_status fail_never_locked(const tl_summary *summary, const tl_config *c
                        "never in lock: the run ended before its first window of %g s: let it run longer",
                        tl_seconds(tl_lock_monitor_window(config).time));
     }
-    return tl_fail(error, TL_NOT_LOCKED,
-                   "never in lock: the errors did not stay within the tolerances. Check tolerances, bounds of the "
-                   "adjusted variables, and the model; `twinlock show` lists the events of a run with --db");
+    describe_error(summary, config, text);
+    return tl_fail(error, TL_NOT_LOCKED, "never in lock: %s", text);
 }
 
 tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error) {
@@ -101,6 +172,7 @@ tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *co
     bool is_unknown = summary->resumption.from != TL_RESUMED_NOT && summary->lock.windows < TL_LOCK_RECOVERED;
     bool is_asked = percent > 0.0 || (config->adjust_count != 0 && !is_unknown);
     if (!is_asked || (config->adjust_count != 0 && tl_lock_tally_is_enough(&summary->lock, percent))) {
+        warn_of_loss(summary, config);
         return TL_OK;
     }
     if (config->adjust_count == 0) {
@@ -427,8 +499,8 @@ static void print_inputs(const printing *page) {
             tl_quality quality = (tl_quality)page->summary->rejected[i].quality;
             (void)fprintf(page->file, "  plant.%s: %" PRIu64 " of %" PRIu64 " samples were not good: %s\n", name, bad,
                           page->summary->samples,
-                          bad < page->summary->samples ? "the last good value was held"
-                                                       : tl_config_quality_remedy(quality));
+                          2 * bad < page->summary->samples ? "the last good value was held"
+                                                           : tl_config_quality_remedy(page->config, i, quality));
         }
     }
 }
@@ -554,11 +626,28 @@ static void print_details(const printing *page) {
     }
 }
 
+/* An output is off without corrections: names the inputs whose sign or scale may be wrong. */
+static void print_suspects(const printing *page) {
+    char names[TL_LOCK_CLAUSE] = "";
+    size_t used = 0;
+    for (size_t i = 0; i < page->config->signal_count && used < sizeof names; i++) {
+        const tl_config_signal *signal = &page->config->signals[i];
+        if (signal->feeds && signal->of == i) {
+            used += (size_t)snprintf(names + used, sizeof names - used, "%splant.%s", used > 0 ? ", " : "",
+                                     signal->plan.name);
+        }
+    }
+    print_line(page, "", "check sign and scale%s%s, then the model", used > 0 ? " of " : " of the signals", names);
+}
+
 static void print_standing(const printing *page) {
     char text[TL_LOCK_CLAUSE];
     tl_lock_standing_write(&page->summary->lock.standing, false, text);
     if (text[0] != '\0') {
         print_line(page, "", "%s", text);
+    }
+    if (page->summary->lock.standing.reason == TL_LOCK_REASON_RELEASED) {
+        print_suspects(page);
     }
     tl_lock_standing_write_remedy(&page->summary->lock.standing, text);
     if (text[0] != '\0') {

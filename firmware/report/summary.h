@@ -35,7 +35,12 @@ typedef struct tl_summary {
         double value;
         tl_time age; /* of the reading, ns */
         uint32_t quality;
-    } rejected[TL_MAX_SIGNALS]; /* the last sample that was not good, by signal */
+    } rejected[TL_MAX_SIGNALS];       /* the last sample that was not good, by signal */
+    uint64_t at_bound[TL_MAX_ADJUST]; /* steps with u at a configured bound, by adjusted variable */
+    struct {
+        uint64_t count;              /* steps with a good ŷ and a finite y */
+        double y, measured, squares; /* sums, and that of (y − ŷ)² */
+    } compared[TL_MAX_MATCH];        /* of searched steps */
     tl_ages ages;
     uint64_t refused;          /* candidates that could not be evaluated */
     uint64_t ticks;            /* live: ticks at which a step was due: steps + skipped; 0: unknown */
@@ -57,7 +62,8 @@ void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sa
 /* Checks that the twin was in lock in at least `percent` of the steps; with `percent` 0, that it
  * was ever in lock and nothing diverged (tl_lock_tally_is_enough()). With 0, returns TL_OK without
  * a check if nothing is adjusted, or if the run resumes another one and had fewer than
- * TL_LOCK_RECOVERED windows. Errors: TL_NOT_LOCKED; the text names a probable cause. */
+ * TL_LOCK_RECOVERED windows; logs a warning if the twin was lost in many steps. Errors:
+ * TL_NOT_LOCKED; the text names a probable cause. */
 tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error);
 
 /* Prints one JSON object and a newline. `changes`: of the run; NULL: no change detector.

@@ -187,7 +187,7 @@ static void report_quality(tl_watch *watch, const tl_sample *sample, size_t sign
                           : watch->had_value[signal]            ? "; the model gets the last good value"
                                                                 : "; the model gets the initial value";
     tl_journal_event(watch->journal, sample->tick, TL_EVENT_WARNING, "plant", "plant.%s: %s: not used (%s)%s",
-                     plan->name, text, tl_config_quality_remedy(quality), instead);
+                     plan->name, text, tl_config_quality_remedy(watch->config, signal, quality), instead);
 }
 
 /* Once for each signal; the summary has their number. */
