@@ -188,6 +188,17 @@ static void check_outputs(warnings *list, const tl_config *config, const tl_prog
 }
 
 static void check_step(warnings *list, const tl_config *config, const tl_prognosis *prognosis) {
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_config_signal *signal = &config->signals[i];
+        if (signal->of == i && signal->stale_s > 0.0 && tl_seconds(config->step) > signal->stale_s) {
+            warn(
+                list, "step_s",
+                "%g s is longer than stale_s of %s, %g s: values are stale before the next step. Take a smaller step_s, "
+                "about the time between two readings",
+                tl_seconds(config->step), signal->plan.where, signal->stale_s);
+            break;
+        }
+    }
     if (prognosis->step_time >= config->step) {
         warn(
             list, "step_s",
@@ -397,8 +408,11 @@ static void check_adjusted(warnings *list, const tl_config *config, const tl_twi
             warn(list, path, "step %g is so small that the first move is lost in rounding: raise it", adjusted.step);
         }
         if (adjusted.step > 1 / LEAST_STEP || adjusted.step > adjusted.upper - adjusted.lower) {
-            warn(list, path, "step %g is larger than the range of the search, %g to %g: lower it", adjusted.step,
-                 adjusted.lower, adjusted.upper);
+            warn(
+                list, path,
+                "step %g is larger than the range of the search, %g to %g: lower it, or widen min and max to what the plant "
+                "can have",
+                adjusted.step, adjusted.lower, adjusted.upper);
         }
     }
 }
@@ -406,6 +420,44 @@ static void check_adjusted(warnings *list, const tl_config *config, const tl_twi
 /* In tolerances. Tried with tanks and TCLab: below 0.02 the twin was not corrected at all; above
  * 0.03 it was in lock. */
 static const double LEAST_MOVEMENT = 0.05;
+static const double LEAST_FIRST_MOVE = 0.01; /* in tolerances, by one `step` */
+
+/* A small first step wastes evaluations, until the search has found the size of its moves. */
+static void check_first_move(warnings *list, const tl_config *config, size_t index, const tl_response *response) {
+    const tl_plan_match *match = &config->match[response->match];
+    double step = config->adjust[index].step;
+    double moved = response->soon / match->tolerance;
+    if (response->soon > 0.0 && moved < LEAST_FIRST_MOVE) {
+        warn(list, config->adjust[index].where,
+             "step %g moves %s by %.3g within T_P, %.2g of its tolerance: raise it to about %.2g", step,
+             match->variable, response->soon, moved, 0.1 * step / moved);
+    }
+}
+
+/* Real variables that outnumber the matched outputs: the search cannot tell them apart. */
+static void check_surplus(warnings *list, const tl_config *config, const tl_twin *twin) {
+    char names[TEXT / 2] = "";
+    size_t count = 0;
+    size_t matched = 0;
+    for (size_t i = 0; i < config->match_count; i++) {
+        matched += config->match[i].weight > 0.0 ? 1 : 0;
+    }
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        size_t used = strlen(names);
+        if (tl_twin_get_adjusted(twin, i).is_real) {
+            (void)snprintf(names + used, sizeof names - used, "%s%.60s", count > 0 ? ", " : "",
+                           config->adjust[i].variable);
+            count++;
+        }
+    }
+    if (count > matched) {
+        warn(
+            list, "synchronise.adjust",
+            "%zu adjusted variables (%s), but %zu matched output%s: they can act alike, and their corrections are then "
+            "not unique: remove one of them, or match another output",
+            count, names, matched, matched == 1 ? "" : "s");
+    }
+}
 
 /* Not for a variable without any effect, because that may depend on the initial values. */
 static void check_responses(warnings *list, const tl_assembly *assembly, const tl_response *responses) {
@@ -415,10 +467,15 @@ static void check_responses(warnings *list, const tl_assembly *assembly, const t
         if (response->is_known && response->steps != 0 && response->tolerances < LEAST_MOVEMENT) {
             warn(list, config->adjust[i].where,
                  "horizon.prediction is too short: within it, %s moves %s by %.2g tolerances only, so a search finds "
-                 "nothing to correct. A whole tolerance takes %" PRIu32 " steps: set \"prediction\" to about %" PRIu32
-                 ", or let check --recording try horizons",
+                 "nothing to correct. A whole tolerance, %g, takes %" PRIu32
+                 " steps: set \"prediction\" to about %" PRIu32
+                 ", or let check --recording try horizons and tolerances; a tolerance above three times the noise may "
+                 "be lower",
                  response->has_range ? "its whole range" : "ten times its step",
-                 config->match[response->match].variable, response->tolerances, response->steps, response->steps);
+                 config->match[response->match].variable, response->tolerances,
+                 config->match[response->match].tolerance, response->steps, response->steps);
+        } else if (response->is_known) {
+            check_first_move(list, config, i, response);
         }
     }
 }
@@ -636,6 +693,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
         check_saving(&list, config);
         check_room(&list, config, assembly->twin);
         check_adjusted(&list, config, assembly->twin);
+        check_surplus(&list, config, assembly->twin);
         check_responses(&list, assembly, responses);
         check_conditions(&list, config);
         check_lead(&list, config, tl_twin_get_facts(assembly->twin).lead);

@@ -103,6 +103,8 @@ static tl_status check_as_page(tl_verb_job *job) {
     tl_status status = check(job, job->output, &found, &pair);
     if (status == TL_OK) {
         print_pair(&pair, &found.warnings, job->output);
+        (void)fputs(job->config.match_count != 0 ? "to compare with a recording: `replay`, `check --recording`\n" : "",
+                    job->output);
         (void)fputs("no problem found", job->output);
         if (found.warnings > 0) {
             (void)fprintf(job->output, ", %" PRIu32 " warning%s", found.warnings, found.warnings == 1 ? "" : "s");

@@ -363,8 +363,31 @@ static void print_match(const tl_config *config, size_t index, const tl_proposal
     }
 }
 
+/* Returns true if the configured filters hide the plant's motion; writes why. */
+static bool is_filtered_away(const tl_config *config, size_t index, const tl_survey_signal *signal,
+                             tl_proposal_reason *why) {
+    const tl_condition *own = &config->conditions[index];
+    double longest = 4.0 * LONGEST * tl_seconds(signal->median);
+    if (own->gate > 0.0 && own->gate < TOLERANCE * signal->sigma) {
+        write_reason(why,
+                     "condition.gate %g is below three times the noise of the readings (%.3g): it rejects good ones; "
+                     "raise it to %.2g or more, or remove it",
+                     own->gate, signal->sigma, GATE_OF_NOISE * signal->sigma);
+    } else if (longest > 0.0 && tl_seconds(own->low_pass) > longest) {
+        write_reason(
+            why,
+            "condition.low_pass_s %g is long beside the interval of the readings (%.3g s): it flattens what the "
+            "plant does; lower it to the proposed value, or at most to %.2g",
+            tl_seconds(own->low_pass), tl_seconds(signal->median), longest);
+    } else {
+        return false;
+    }
+    return true;
+}
+
 static void print_warnings(const tl_config *config, const tl_survey *survey, const tl_proposal *proposal, FILE *file) {
     const char *title = "warnings\n";
+    tl_proposal_reason why;
     for (size_t i = 0; i < proposal->match_count; i++) {
         const tl_proposal_match *match = &proposal->match[i];
         if (match->is_within_noise) {
@@ -376,6 +399,11 @@ static void print_warnings(const tl_config *config, const tl_survey *survey, con
                 "inner states may drift; set the proposed %g",
                 config->match[i].where, config->match[i].tolerance, survey->signals[match->signal].sigma,
                 match->tolerance);
+        }
+        if (is_filtered_away(config, i, &survey->signals[match->signal], &why)) {
+            (void)fputs(title, file);
+            title = "";
+            print_line(file, INDENT, "%s: %s", config->match[i].where, why.text);
         }
     }
 }
