@@ -223,8 +223,12 @@ static tl_status missing(const tl_csv_table *table, const char *column, int64_t 
         (void)snprintf(existing + used, sizeof existing - used, "%s%s", i > 0 ? ", " : "", cells[i]);
         used = strlen(existing);
     }
-    return tl_fail(error, TL_BAD_DATA, "%.100s, line %lld: the column \"%.64s\" is missing, the file has: %s",
-                   table->path, (long long)number, column, existing);
+    const bool is_header = strspn(cells[0], "0123456789.,+-eE") != strlen(cells[0]);
+    return tl_fail(error, TL_BAD_DATA, "%.100s, line %lld: the column \"%.64s\" is missing, the file has: %s: %s",
+                   table->path, (long long)number, column, existing,
+                   !is_header                     ? "add a header with names"
+                   : column == table->time_column ? "set time_column"
+                                                  : "set csv.column of the signal");
 }
 
 /* The cell of a column. */
@@ -433,13 +437,20 @@ tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_c
                        (long long)number);
     }
     if (count != table->cell_count) {
-        return tl_fail(error, TL_BAD_DATA, "%s, line %lld: the row has %zu cells (expected %zu, as the header)",
-                       table->path, (long long)number, count, table->cell_count);
+        return tl_fail(error, TL_BAD_DATA, "%s, line %lld: the row has %zu cells (expected %zu, as the header)%s",
+                       table->path, (long long)number, count, table->cell_count,
+                       table->separator == ',' && count > table->cell_count
+                           ? ": with decimal commas, separate cells by semicolons"
+                           : "");
     }
     char *time = table->cells[table->time_cell];
     if (!table->has_rows && table->clock.form == TL_CSV_TIME_UNKNOWN && tl_csv_time_read_unit(&table->clock, time)) {
         *is_units = true;
         return TL_OK;
+    }
+    if (strcmp(time, table->time_column) == 0) {
+        return tl_fail(error, TL_BAD_DATA, "%s, line %lld: the time is \"%.40s\", as in the header: remove this line",
+                       table->path, (long long)number, time);
     }
     if (!read_time(table, time, &row->time)) {
         return tl_fail(error, TL_BAD_DATA,

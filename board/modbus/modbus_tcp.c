@@ -115,7 +115,7 @@ static bool tcp_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
     freeaddrinfo(addresses);
     if (failure != 0) {
         (void)snprintf(cause, cause_size, "no connection: %s: check %s", strerror(failure),
-                       failure == ECONNREFUSED ? "port, and that the device's Modbus server is on"
+                       failure == ECONNREFUSED ? "host and port, and that the device's Modbus server is on"
                                                : "host, port, cable and firewall");
         return false;
     }

@@ -141,8 +141,11 @@ static bool report_wrong(scanner *s, size_t at, const char *found, const char *e
 
 static bool report_unexpected(scanner *s, size_t at, const char *expected) {
     char found[64];
+    char remedy[192];
+    bool is_comment = at < s->size && (s->text[at] == '/' || s->text[at] == '#');
     describe_word(s, at, found, sizeof found);
-    return report_wrong(s, at, found, expected);
+    (void)snprintf(remedy, sizeof remedy, "%s%s", expected, is_comment ? "; JSON has no comments: remove it" : "");
+    return report_wrong(s, at, found, remedy);
 }
 
 /* ---- values ---- */
@@ -189,7 +192,8 @@ static bool scan_escape(scanner *s) {
     if (character == 0 || strchr("\"\\/bfnrt", character) == NULL) {
         char found[64] = "\\";
         describe_word(s, s->at, found + 1, sizeof found - 1);
-        return report_wrong(s, s->at - 1, found, "one of \\\" \\\\ \\/ \\b \\f \\n \\r \\t \\u");
+        return report_wrong(s, s->at - 1, found,
+                            "one of \\\" \\\\ \\/ \\b \\f \\n \\r \\t \\u; write \\\\ for a backslash");
     }
     s->at++;
     return true;
@@ -270,7 +274,10 @@ static bool scan_word(scanner *s) {
             return true;
         }
     }
-    return report_unexpected(s, s->at, "a value: an object, an array, a text in \", a number, true, false or null");
+    return report_unexpected(s, s->at,
+                             s->depth == 0
+                                 ? "JSON, which begins with {"
+                                 : "a value: an object, an array, a text in \", a number, true, false or null");
 }
 
 /* ---- objects and arrays ---- */
@@ -359,7 +366,7 @@ static bool scan_closing(scanner *s) {
             return check_comma(s, s->at - 1) && (!object || scan_key(s));
         }
         if (!accept(s, object ? '}' : ']')) {
-            return report_unexpected(s, s->at, object ? "a , or }" : "a , or ]");
+            return report_unexpected(s, s->at, peek(s) == '"' ? "a comma before it" : object ? "a , or }" : "a , or ]");
         }
         s->depth--;
     }
@@ -382,6 +389,9 @@ static bool scan_document(scanner *s) {
 static bool check_encoding(scanner *s) {
     if (s->size >= 3 && memcmp(s->text, "\xEF\xBB\xBF", 3) == 0) {
         return report_wrong(s, 0, "a byte order mark", "UTF-8 without one: save the file as \"UTF-8 without BOM\"");
+    }
+    if (s->size >= 4 && memcmp(s->text, "PK\x03\x04", 4) == 0) {
+        return report_wrong(s, 0, "a zip file", "JSON; for an FMU, `twinlock init FMU` writes it");
     }
     for (size_t at = 0; at < s->size;) {
         uint32_t code = 0;

@@ -18,6 +18,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "master/base/text.h"
+
 /* ---- c locale ---- */
 
 static pthread_once_t once = PTHREAD_ONCE_INIT;
@@ -184,8 +186,9 @@ tl_status tl_new_file_open(const char *path, tl_new_file *new_file, tl_error *er
     bool fits = snprintf(new_file->name, PATH_MAX, "%s.new-XXXXXX", new_file->path) < PATH_MAX;
     int opened = fits ? mkostemp(new_file->name, O_CLOEXEC) : -1;
     if (opened < 0) {
-        return tl_fail(error, TL_TRY_AGAIN, "%.300s: cannot be written: %s", path,
-                       strerror(fits ? errno : ENAMETOOLONG));
+        return tl_fail(error, TL_TRY_AGAIN, "%.300s: cannot be written: %s%s", path,
+                       strerror(fits ? errno : ENAMETOOLONG),
+                       errno == ENOENT ? ": create its folder, or give another name" : "");
     }
     (void)fchmod(opened, mode);
     new_file->file = fdopen(opened, "w");
@@ -268,12 +271,23 @@ const char *tl_other_case(const char *path, char text[TL_OTHER_CASE_TEXT]) {
     char folder[PATH_MAX];
     bool fits = (size_t)snprintf(folder, sizeof folder, "%s", path) < sizeof folder;
     DIR *entries = fits && access(path, F_OK) != 0 ? opendir(dirname(folder)) : NULL;
+    char nearest[NAME_MAX + 1] = "";
+    tl_nearest near = {.text = name};
     text[0] = '\0';
     for (const struct dirent *entry = NULL; entries != NULL && (entry = readdir(entries)) != NULL;) {
         if (strcasecmp(entry->d_name, name) == 0) {
             (void)snprintf(text, TL_OTHER_CASE_TEXT, "; did you mean %s? (upper and lower case differ)", entry->d_name);
             break;
         }
+        const char *before = near.best;
+        tl_nearest_offer(&near, entry->d_name);
+        if (near.best != before) { /* the entry does not last */
+            (void)snprintf(nearest, sizeof nearest, "%s", entry->d_name);
+            near.best = nearest;
+        }
+    }
+    if (text[0] == '\0' && nearest[0] != '\0') {
+        (void)snprintf(text, TL_OTHER_CASE_TEXT, "; did you mean %s?", nearest);
     }
     if (entries != NULL) {
         (void)closedir(entries);

@@ -134,6 +134,8 @@ static int refuse_verb(const char *name) {
         (void)fprintf(stderr, ": did you mean %s?", nearest.best);
     } else if (name[0] == '-') {
         (void)fputs(": options follow the verb", stderr);
+    } else if (access(name, F_OK) == 0) {
+        (void)fprintf(stderr, ": a verb comes first, for example `twinlock check %s`", name);
     }
     (void)fputs("\n\n", stderr);
     print_usage(stderr);

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "firmware/base/change.h"
 #include "firmware/base/os.h"
@@ -429,8 +430,9 @@ tl_status tl_options_find_recording(const tl_options *options, const tl_config *
     } else {
         return tl_fail(error, TL_BAD_USAGE, "%s names no recording: give one with --recording FILE", config->path);
     }
-    if (tl_other_case(path, other)[0] != '\0') {
-        return tl_fail(error, TL_BAD_DATA, "%s: No such file or directory%s", path, other);
+    if (access(path, F_OK) != 0 && errno == ENOENT) {
+        return tl_fail(error, TL_BAD_DATA, "%s: No such file or directory%s: give a recording with --recording FILE",
+                       path, tl_other_case(path, other));
     }
     return TL_OK;
 }

@@ -255,7 +255,8 @@ static void describe_signal(const cure_search *self, const tl_modbus_channel *pr
         used += (size_t)snprintf(text + used, TL_PROBE_CURE - used, " \"port\": %d in its source", MODBUS_PORT);
     }
     if (wanted->unit_id != present->unit_id) {
-        used += (size_t)snprintf(text + used, TL_PROBE_CURE - used, " \"unit_id\": %u", (unsigned)wanted->unit_id);
+        used += (size_t)snprintf(text + used, TL_PROBE_CURE - used, " \"unit_id\": %u instead of %u",
+                                 (unsigned)wanted->unit_id, (unsigned)present->unit_id);
     }
     if (wanted->table != present->table) {
         const char *table = tl_probe_modbus_tables[wanted->table];

@@ -118,7 +118,8 @@ void tl_config_check_reference(const tl_config_reader *reader, const char *path,
         report_reference(reader, path, line, text, shapes[target],
                          target == TL_CONFIG_SIGNAL ? "\"plant.omega\"" : "\"motor.omega\"");
     } else if (target == TL_CONFIG_VARIABLE && signal) {
-        report_reference(reader, path, line, text, "component.variable (twinlock cannot write to the plant)",
+        report_reference(reader, path, line, text,
+                         "component.variable (a pair is [from, to], and twinlock cannot write to the plant)",
                          "\"motor.omega\"");
     } else {
         check_known(reader, path, line, text, signal);
@@ -314,6 +315,24 @@ void tl_config_each(const tl_config_object *map,
 
 /* ---- unknown keys ---- */
 
+/* Keys that are often one level too high. */
+static const char *find_right_object(const char *key) {
+    static const char *const places[][2] = {
+        {"tolerance", "synchronise.match.OUTPUT"}, {"weight", "synchronise.match.OUTPUT"},
+        {"step", "synchronise.adjust.VARIABLE"},   {"nominal", "synchronise.adjust.VARIABLE"},
+        {"prediction", "synchronise.horizon"},     {"measurements", "synchronise.horizon"},
+        {"evaluations", "synchronise.budget"},     {"time_s", "synchronise.budget"},
+        {"address", "plant.SIGNAL.modbus"},        {"scale", "the signal's modbus, can or csv"},
+        {"host", "sources.NAME.modbus_tcp"},       {"port", "sources.NAME.modbus_tcp"},
+    };
+    for (size_t i = 0; i < sizeof places / sizeof places[0]; i++) {
+        if (strcmp(key, places[i][0]) == 0) {
+            return places[i][1];
+        }
+    }
+    return NULL;
+}
+
 static void report_unknown_key(const tl_config_object *object, const cJSON *item) {
     char path[TL_JSON_PATH];
     char key[TL_JSON_SHOWN];
@@ -326,7 +345,10 @@ static void report_unknown_key(const tl_config_object *object, const cJSON *item
     tl_json_member_path(path, object->path, item->string);
     tl_text_for_people(item->string, key, sizeof key);
     (void)snprintf(found, sizeof found, "the unknown key \"%s\"", key);
-    if (nearest.best != NULL) {
+    const char *right = find_right_object(item->string);
+    if (right != NULL) {
+        (void)snprintf(expected, sizeof expected, "it in %s", right);
+    } else if (nearest.best != NULL) {
         (void)snprintf(expected, sizeof expected, "\"%s\"", nearest.best);
     } else {
         size_t used = (size_t)snprintf(expected, sizeof expected, object->known_count == 1 ? "only" : "one of");

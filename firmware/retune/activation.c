@@ -380,6 +380,14 @@ static outcome refuse_restart(const tl_activation *self) {
 static outcome check_right(tl_activation *self) {
     tl_verdict *verdict = &self->verdict;
     report_list(self, TL_CONTROL_CHANGE, verdict->changes, TL_VERDICT_CHANGES);
+    for (size_t i = 0; i < verdict->changes && i < TL_VERDICT_CHANGES; i++) {
+        if (strcmp(verdict->change[i].path, "name") == 0) {
+            report_step(
+                self, TL_CONTROL_VALIDATE,
+                "the run is called %s, the configuration %s: if it is another twin's, give the --control of its run",
+                verdict->change[i].before, verdict->change[i].after);
+        }
+    }
     if (self->has_other_fmus) { /* the texts do not show this change */
         verdict->kind = TL_CHANGE_NEW_TWIN;
         verdict->right = TL_RIGHT_COMMISSION;

@@ -427,8 +427,10 @@ static void check_set(const tl_graph *graph, size_t index, const tl_plan_set *se
     } else if (names_signal(variable, &set->value)) {
         (void)tl_graph_start_signal(graph, index, set, &conversion, report);
     } else if (!tl_graph_fit_value(variable, &set->value, &fitted, &expected)) {
-        tl_report_add(report, TL_BAD_DATA, set->where, "%s.%s is %s: expected %s", component->name, set->variable,
-                      tl_type_name(variable->type), expected);
+        bool is_text = set->value.type == TL_STRING;
+        tl_report_add(report, TL_BAD_DATA, set->where, "%s.%s is %s: found %s%.40s%s, expected %s", component->name,
+                      set->variable, tl_type_name(variable->type), is_text ? "\"" : "",
+                      is_text ? set->value.text : "another value", is_text ? "\"" : "", expected);
     }
 }
 
