@@ -275,9 +275,7 @@ static bool scan_word(scanner *s) {
         }
     }
     return report_unexpected(s, s->at,
-                             s->depth == 0
-                                 ? "JSON, which begins with {"
-                                 : "a value: an object, an array, a text in \", a number, true, false or null");
+                             "a JSON value: an object in {}, an array, a text in \", a number, true, false or null");
 }
 
 /* ---- objects and arrays ---- */

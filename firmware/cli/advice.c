@@ -421,21 +421,24 @@ static void check_adjusted(warnings *list, const tl_config *config, const tl_twi
  * 0.03 it was in lock. */
 static const double LEAST_MOVEMENT = 0.05;
 static const double LEAST_FIRST_MOVE = 0.01; /* in tolerances, by one `step` */
+static const double LEAST_STEP_OF_RANGE = 1e-3;
 
 /* A small first step wastes evaluations, until the search has found the size of its moves. */
 static void check_first_move(warnings *list, const tl_config *config, size_t index, const tl_response *response) {
     const tl_plan_match *match = &config->match[response->match];
     double step = config->adjust[index].step;
     double moved = response->soon / match->tolerance;
-    if (response->soon > 0.0 && moved < LEAST_FIRST_MOVE) {
+    const tl_plan_adjust *adjust = &config->adjust[index];
+    bool is_small = step < LEAST_STEP_OF_RANGE * (adjust->upper - adjust->lower); /* not without bounds */
+    if (is_small && isfinite(adjust->upper - adjust->lower) && response->soon > 0.0 && moved < LEAST_FIRST_MOVE) {
         warn(list, config->adjust[index].where,
              "step %g moves %s by %.3g within T_P, %.2g of its tolerance: raise it to about %.2g", step,
              match->variable, response->soon, moved, 0.1 * step / moved);
     }
 }
 
-/* Real variables that outnumber the matched outputs: the search cannot tell them apart. */
-static void check_surplus(warnings *list, const tl_config *config, const tl_twin *twin) {
+/* Real variables with an effect that outnumber the matched outputs: the search cannot tell them apart. */
+static void check_surplus(warnings *list, const tl_config *config, const tl_twin *twin, const tl_response *responses) {
     char names[TEXT / 2] = "";
     size_t count = 0;
     size_t matched = 0;
@@ -444,7 +447,7 @@ static void check_surplus(warnings *list, const tl_config *config, const tl_twin
     }
     for (size_t i = 0; i < config->adjust_count; i++) {
         size_t used = strlen(names);
-        if (tl_twin_get_adjusted(twin, i).is_real) {
+        if (tl_twin_get_adjusted(twin, i).is_real && responses[i].is_known && responses[i].most > 0.0) {
             (void)snprintf(names + used, sizeof names - used, "%s%.60s", count > 0 ? ", " : "",
                            config->adjust[i].variable);
             count++;
@@ -693,7 +696,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
         check_saving(&list, config);
         check_room(&list, config, assembly->twin);
         check_adjusted(&list, config, assembly->twin);
-        check_surplus(&list, config, assembly->twin);
+        check_surplus(&list, config, assembly->twin, responses);
         check_responses(&list, assembly, responses);
         check_conditions(&list, config);
         check_lead(&list, config, tl_twin_get_facts(assembly->twin).lead);

@@ -346,12 +346,12 @@ static void report_unknown_key(const tl_config_object *object, const cJSON *item
     tl_text_for_people(item->string, key, sizeof key);
     (void)snprintf(found, sizeof found, "the unknown key \"%s\"", key);
     const char *right = find_right_object(item->string);
-    if (right != NULL) {
-        (void)snprintf(expected, sizeof expected, "it in %s", right);
-    } else if (nearest.best != NULL) {
+    if (nearest.best != NULL) {
         (void)snprintf(expected, sizeof expected, "\"%s\"", nearest.best);
     } else {
-        size_t used = (size_t)snprintf(expected, sizeof expected, object->known_count == 1 ? "only" : "one of");
+        size_t used = (size_t)snprintf(expected, sizeof expected, "%s%s%s%s", right != NULL ? "it in " : "",
+                                       right != NULL ? right : "", right != NULL ? "; here " : "",
+                                       object->known_count == 1 ? "only" : "one of");
         for (size_t i = 0; i < object->known_count && used < sizeof expected; i++) {
             used +=
                 (size_t)snprintf(expected + used, sizeof expected - used, "%s %s", i == 0 ? "" : ",", object->known[i]);

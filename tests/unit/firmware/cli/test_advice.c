@@ -287,6 +287,22 @@ static void test_a_horizon_that_is_too_short(void) {
     expect_none();
 }
 
+static void test_a_first_move_that_is_too_small(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
+    responses[0] = (tl_response){.is_known = true, .soon = 0.009, .most = 1.0, .tolerances = 1.0, .steps = 1};
+    expect_one("synchronise.adjust.motor.d|step|0.12|motor.omega|0.009|1.3");
+    responses[0].soon = 0.11;
+    expect_none();
+}
+
+static void test_more_variables_than_outputs(void) {
+    load(LOCK, "\"adjust\": {", "\"adjust\": { \"motor.I_in\": { \"step\": 5, \"min\": -40, \"max\": 40 },");
+    expect_none();
+    responses[0] = responses[1] =
+        (tl_response){.is_known = true, .soon = 1.0, .most = 1.0, .tolerances = 1.0, .steps = 1};
+    expect_one("synchronise.adjust|2|motor.I_in|motor.d|1 matched output");
+}
+
 static void test_a_step_that_means_nothing(void) {
     load_step("1e-14");
     expect_none();
@@ -331,8 +347,10 @@ static void test_a_low_pass_that_takes_long(void) {
     assembly.config.duration = 0;
     assembly.config.step = TL_SECOND;
     assembly.config.conditions[0].low_pass = 500 * TL_SECOND;
-    expect_one("synchronise.match.motor.omega|500 s|502 s");
-    TEST_ASSERT_FALSE(tl_test_has_parts(warnings[0], "duration_s"));
+    expect_count(2);
+    TEST_ASSERT_TRUE_MESSAGE(tl_test_has_parts(warnings[0], "step_s|1 s|stale_s|plant.torque|0.2 s"), printed);
+    TEST_ASSERT_TRUE_MESSAGE(tl_test_has_parts(warnings[1], "synchronise.match.motor.omega|500 s|502 s"), printed);
+    TEST_ASSERT_FALSE(tl_test_has_parts(warnings[1], "duration_s"));
 }
 
 int main(void) {
@@ -359,6 +377,8 @@ int main(void) {
     RUN_TEST(test_a_nominal_outside_its_bounds);
     RUN_TEST(test_a_variable_without_bounds);
     RUN_TEST(test_a_horizon_that_is_too_short);
+    RUN_TEST(test_a_first_move_that_is_too_small);
+    RUN_TEST(test_more_variables_than_outputs);
     RUN_TEST(test_a_step_that_means_nothing);
     RUN_TEST(test_room_for_less_than_the_worst_case);
     RUN_TEST(test_stagnation_before_each_unknown_was_tried);
