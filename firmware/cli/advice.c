@@ -437,7 +437,8 @@ static void check_first_move(warnings *list, const tl_config *config, size_t ind
     }
 }
 
-/* Real variables with an effect that outnumber the matched outputs: the search cannot tell them apart. */
+/* The search cannot tell Real variables apart that outnumber the matched outputs. Only those count
+ * that have an effect. */
 static void check_surplus(warnings *list, const tl_config *config, const tl_twin *twin, const tl_response *responses) {
     char names[TEXT / 2] = "";
     size_t count = 0;
@@ -470,13 +471,11 @@ static void check_responses(warnings *list, const tl_assembly *assembly, const t
         if (response->is_known && response->steps != 0 && response->tolerances < LEAST_MOVEMENT) {
             warn(list, config->adjust[i].where,
                  "horizon.prediction is too short: within it, %s moves %s by %.2g tolerances only, so a search finds "
-                 "nothing to correct. A whole tolerance, %g, takes %" PRIu32
-                 " steps: set \"prediction\" to about %" PRIu32
-                 ", or let check --recording try horizons and tolerances; a tolerance above three times the noise may "
-                 "be lower",
+                 "nothing to correct. A whole tolerance takes %" PRIu32 " steps: set \"prediction\" to about %" PRIu32
+                 ", or let check --recording try horizons; if tolerance %g is above three times the noise, lower it",
                  response->has_range ? "its whole range" : "ten times its step",
-                 config->match[response->match].variable, response->tolerances,
-                 config->match[response->match].tolerance, response->steps, response->steps);
+                 config->match[response->match].variable, response->tolerances, response->steps, response->steps,
+                 config->match[response->match].tolerance);
         } else if (response->is_known) {
             check_first_move(list, config, i, response);
         }

@@ -106,7 +106,8 @@ static double rate_of(const probe_job *job, const tl_plant_probe_signal *signal)
     return job->found.lasted > 0 ? (double)signal->readings / tl_seconds(job->found.lasted) : 0;
 }
 
-/* Writes that a Modbus device delivers less than half of the readings that its polls should bring. */
+/* Writes that a Modbus device delivers less than half of the readings that its polls should
+ * bring; "" if it delivers more. */
 static void describe_slowness(const probe_job *job, size_t index, char *text, size_t size) {
     const tl_config_signal *configured = &job->config.signals[index];
     double period = job->config.sources[configured->source].period_s;

@@ -81,8 +81,8 @@ static bool is_matched(const tl_config *config, size_t signal) {
 static const double MANY_LOST = 0.05; /* share of the steps: more are worth a warning */
 static const double OFTEN = 0.2;      /* share of the steps at a bound that explains a loss */
 
-/* Writes which signal had no good value in half of the samples or more; returns false if none. Matched
- * signals come first. */
+/* Writes which signal had no good value in half of the samples or more; returns false if none.
+ * Matched signals come first. */
 static bool describe_bad_signal(const tl_summary *summary, const tl_config *config, char text[TL_ERROR_TEXT]) {
     char what[TL_CONFIG_DESCRIPTION];
     for (size_t k = 0; k < 2 * config->signal_count; k++) {

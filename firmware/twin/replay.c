@@ -216,10 +216,9 @@ tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *
     if (status == TL_OK && summary->figures.steps + summary->figures.skipped == 0) {
         /* In mode ahead the measurement of a step comes one tick later. */
         unsigned needed = (unsigned)replay->account->lead + (replay->config->measurements == TL_AHEAD ? 1 : 0);
-        status = tl_fail(
-            error, TL_BAD_DATA,
-            "the recording is too short for a step: it has %lld tick%s of %g s (expected at least %u): take a longer one",
-            (long long)ticks, ticks == 1 ? "" : "s", tl_seconds(replay->config->step), needed + 1);
+        status = tl_fail(error, TL_BAD_DATA,
+                         "the recording is too short: %lld tick%s of %g s (expected at least %u): take a longer one",
+                         (long long)ticks, ticks == 1 ? "" : "s", tl_seconds(replay->config->step), needed + 1);
     }
     tl_lock_monitor_get(replay->lock_monitor, &summary->lock);
     summary->wall_s = tl_seconds(tl_clock_now(NULL) - started);
