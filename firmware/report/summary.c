@@ -81,15 +81,15 @@ static bool is_matched(const tl_config *config, size_t signal) {
 static const double MANY_LOST = 0.05; /* share of the steps: more are worth a warning */
 static const double OFTEN = 0.2;      /* share of the steps at a bound that explains a loss */
 
-/* Writes which signal had no good value in half of the samples or more; returns false if none.
- * Matched signals come first. */
-static bool describe_bad_signal(const tl_summary *summary, const tl_config *config, char text[TL_ERROR_TEXT]) {
+/* Writes which matched or other signal had no good value in half of the samples or more; returns
+ * false if none. */
+static bool describe_bad_signal(const tl_summary *summary, const tl_config *config, bool matched,
+                                char text[TL_ERROR_TEXT]) {
     char what[TL_CONFIG_DESCRIPTION];
-    for (size_t k = 0; k < 2 * config->signal_count; k++) {
-        size_t i = k % config->signal_count;
+    for (size_t i = 0; i < config->signal_count; i++) {
         uint32_t quality = summary->rejected[i].quality;
-        if (is_matched(config, i) == (k < config->signal_count) && summary->samples > 0 &&
-            2 * summary->not_good[i] >= summary->samples && quality <= TL_LAST_QUALITY) {
+        if (is_matched(config, i) == matched && summary->samples > 0 && 2 * summary->not_good[i] >= summary->samples &&
+            quality <= TL_LAST_QUALITY) {
             tl_config_describe_quality(config, i, summary->rejected[i].value, (tl_quality)quality,
                                        summary->rejected[i].age, what);
             (void)snprintf(text, TL_ERROR_TEXT,
@@ -150,7 +150,7 @@ static void warn_of_loss(const tl_summary *summary, const tl_config *config) {
 
 static tl_status fail_never_locked(const tl_summary *summary, const tl_config *config, tl_error *error) {
     char text[TL_ERROR_TEXT];
-    if (describe_bad_signal(summary, config, text)) {
+    if (describe_bad_signal(summary, config, true, text) || describe_bad_signal(summary, config, false, text)) {
         return tl_fail(error, TL_NOT_LOCKED, "never in lock: %s", text);
     }
     if (summary->lock.steps[TL_LOCK_LOST] == 0 && summary->lock.steps[TL_LOCK_DEGRADED] != 0) {
