@@ -227,7 +227,7 @@ static tl_status missing(const tl_csv_table *table, const char *column, int64_t 
     return tl_fail(error, TL_BAD_DATA, "%.100s, line %lld: the column \"%.64s\" is missing, the file has: %s: %s",
                    table->path, (long long)number, column, existing,
                    !is_header                     ? "add a header with names"
-                   : column == table->time_column ? "set time_column"
+                   : column == table->time_column ? "set time_column, or give another recording"
                                                   : "set csv.column of the signal");
 }
 

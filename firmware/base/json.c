@@ -364,7 +364,10 @@ static bool scan_closing(scanner *s) {
             return check_comma(s, s->at - 1) && (!object || scan_key(s));
         }
         if (!accept(s, object ? '}' : ']')) {
-            return report_unexpected(s, s->at, peek(s) == '"' ? "a comma before it" : object ? "a , or }" : "a , or ]");
+            bool is_entry = peek(s) == '"';
+            return report_unexpected(s, s->at,
+                                     object ? (is_entry ? "a comma before it, or }" : "a , or }")
+                                            : (is_entry ? "a comma before it, or ]" : "a , or ]"));
         }
         s->depth--;
     }

@@ -1151,7 +1151,7 @@ tl_status tl_model_description_read(const char *path, const char *label, tl_aren
     int file = open(path, O_RDONLY | O_CLOEXEC);
     if (file < 0) {
         return errno == ENOENT ? tl_fail(error, TL_BAD_DATA,
-                                         "%s: there is no modelDescription.xml in it: this is not an FMU", label)
+                                         "%s: there is no modelDescription.xml in it: this is not an FMU; export it again", label)
                                : tl_fail(error, TL_TRY_AGAIN, "%s: modelDescription.xml cannot be opened: %s", label,
                                          strerror(errno));
     }

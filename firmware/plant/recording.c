@@ -629,7 +629,7 @@ static tl_status check_rows(tl_recording *recording, const char *path, tl_error 
     }
     tl_csv_close(reader);
     if (status == TL_OK && rows == 0) {
-        return tl_fail(error, TL_BAD_DATA, "%s: the file has a header, but no row", path);
+        return tl_fail(error, TL_BAD_DATA, "%s: the file has a header, but no row: give one with values", path);
     }
     recording->ticks = status == TL_OK ? (last - recording->start + TL_PLANT_ALIKE) / config->step + 1 : 0;
     rows = rows <= GAPS_SEEN ? rows : GAPS_SEEN + 1;

@@ -416,6 +416,8 @@ tl_status tl_trajectory_close(FILE *file, FILE *output, const char *path, tl_err
     } else {
         failed = fclose(file) != 0 || failed;
     }
-    return failed ? tl_fail(error, TL_TRY_AGAIN, "%s: not everything could be written: %s", path, strerror(errno))
+    return failed ? tl_fail(error, TL_TRY_AGAIN,
+                            "%s: not everything could be written: %s: free space, or give another file", path,
+                            strerror(errno))
                   : TL_OK;
 }

@@ -310,8 +310,11 @@ static tl_status fail_to_connect(const char *path, tl_error *error) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: too many clients are connected: try again", path);
     case ENOENT:
     case ECONNREFUSED:
-        return tl_fail(error, TL_PLANT_DOWN,
-                       "%s: no run answers: it is restarting, is not running, or was started without --control", path);
+        return tl_fail(
+            error, TL_PLANT_DOWN,
+            "%s: no run answers: it is restarting, is not running, or was started without --control; start it, or "
+            "give its --control",
+            path);
     default:
         return tl_fail(error, TL_PLANT_DOWN, "%s: %s", path, strerror(errno));
     }
