@@ -392,7 +392,7 @@ static bool check_encoding(scanner *s) {
         return report_wrong(s, 0, "a byte order mark", "UTF-8 without one: save the file as \"UTF-8 without BOM\"");
     }
     if (s->size >= 4 && memcmp(s->text, "PK\x03\x04", 4) == 0) {
-        return report_wrong(s, 0, "a zip file", "JSON; for an FMU, `twinlock init FMU` writes it");
+        return report_wrong(s, 0, "PK, a zip file", "JSON; for an FMU, `twinlock init FMU` writes it");
     }
     for (size_t at = 0; at < s->size;) {
         uint32_t code = 0;

@@ -416,8 +416,7 @@ tl_status tl_trajectory_close(FILE *file, FILE *output, const char *path, tl_err
     } else {
         failed = fclose(file) != 0 || failed;
     }
-    return failed ? tl_fail(error, TL_TRY_AGAIN,
-                            "%s: not everything could be written: %s: free space, or give another file", path,
-                            strerror(errno))
+    return failed ? tl_fail(error, TL_TRY_AGAIN, "%s: not everything could be written: %s%s", path, strerror(errno),
+                            errno == ENOSPC ? ": free space, or give another file" : "")
                   : TL_OK;
 }

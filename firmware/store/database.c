@@ -566,7 +566,7 @@ static tl_status check_header(const unsigned char header[HEADER], int64_t size, 
     }
     if (!is_sqlite) {
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
-                                  "%s: is no twinlock database: give the .db file of a run, or a new name", path);
+                                  "%s: is no twinlock database, no SQLite file: give a run's .db, or a new name", path);
     }
     if (!is_ours) {
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
