@@ -1,216 +1,117 @@
 /* Cures of a Modbus source: see probe_cures.h. */
 #include "firmware/cli/probe_cures.h"
 
-#include <float.h>
 #include <math.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "firmware/base/log.h"
+#include "firmware/cli/probe_evidence.h"
 #include "firmware/process/interrupt.h"
 
 /* Each mapping is read for at most this time, and two time-outs. */
 static const double PASS_S = 1.2;
 
-/* A value this many times beyond its limits, or this large without limits, is absurd. A value below
- * this part of its limits, or of 1, proves nothing. */
-static const double ABSURD = 1000;
-static const double LARGEST = 1e15;
-static const double SMALL = 1e-6;
+/* Scores are natural logarithms. Costs: how rare each mistake is. */
+static const double WORDS_COST = 1.5;
+static const double BYTES_COST = 2.5;
+static const double PLACE_COST = 3;
+static const double SIGNAL_COST = 3; /* type, scale or sign of one signal */
+static const double AT_START = -0.2; /* the plant is at its start; or not */
+static const double ELSEWHERE = -1.6;
 
-/* An integer in its range proves something if at most one of so many register contents is in range.
- */
-static const double RARE = 8;
+/* Least advantage of a proposal over the present mapping, and over the next one; least advantage of
+ * a mapping that is worth a remark; an evidence below this is doubtful. */
+static const double BETTER = 5;
+static const double SIGNAL_BETTER = 2;
+static const double CLEARER = 2;
+static const double REMARKABLE = 0.3;
+static const double DOUBTFUL = -1;
 
-enum { MODBUS_PORT = 502 };
+/* Tried if nothing answers. */
+static const uint16_t PORTS[] = {502, 1502, 5020, 4001, 8899};
+static const uint8_t UNITS[] = {1, 2, 3, 10, 247, 255, 0};
+static const double PAUSES_S[] = {0.5, 2};
 
-/* A change of the mapping of all signals of a source. */
-typedef struct mapping_change {
-    bool words; /* the other word order */
-    bool table; /* the other table: input and holding, discrete and coil */
-    int shift;  /* of addresses */
-    int unit;   /* unit id; -1: as configured */
-    uint16_t port;
-} mapping_change;
-
-static const mapping_change SINGLE[] = {
-    {true, false, 0, -1, 0}, {false, true, 0, -1, 0}, {false, false, -1, -1, 0}, {false, false, 1, -1, 0}};
-static const mapping_change DOUBLE[] = {{true, true, 0, -1, 0},
-                                        {true, false, -1, -1, 0},
-                                        {true, false, 1, -1, 0},
-                                        {false, true, -1, -1, 0},
-                                        {false, true, 1, -1, 0}};
-static const mapping_change SILENT[] = {
-    {false, false, 0, -1, MODBUS_PORT}, {false, false, 0, 1, 0}, {false, false, 0, 2, 0}, {false, false, 0, 3, 0},
-    {false, false, 0, 255, 0},          {false, false, 0, 0, 0}};
+/* Addresses in a manual from which each table counts, if they are written with the table. */
+enum { HOLDING_FIRST = 40001, INPUT_FIRST = 30001 };
 
 #define COUNT_OF(array) (sizeof(array) / sizeof(array)[0])
+
+typedef struct candidate {
+    double score;
+    tl_probe_link link;
+    tl_modbus_channel channels[TL_MAX_SIGNALS];
+    bool is_unclear[TL_MAX_SIGNALS]; /* another type, scale or sign of the signal may be right */
+} candidate;
 
 typedef struct cure_search {
     const tl_plant_probe *found;
     const tl_probe_modbus *present;
     int (*run_role)(const char *role, void *context);
     size_t source;
-    bool is_silent;               /* no signal has an answer */
-    bool is_refused;              /* it accepts no connection */
-    bool is_illegal;              /* it has no such register */
-    size_t plausible;             /* number of plausible mappings */
-    size_t strong;                /* strong values of the newest of them */
-    const mapping_change *newest; /* the newest of them */
-    tl_probe_modbus tried;        /* registers of the mapping that was read last */
+    bool is_silent;        /* no signal has an answer */
+    tl_probe_modbus tried; /* the mapping that was read last */
     tl_plant_probe read;
+    tl_error *error;
+    tl_status status; /* of the readings */
+    candidate best;
+    double next; /* score of the best one with another connection, place or order */
 } cure_search;
 
-/* ---- plausibility ---- */
-
-typedef enum verdict {
-    IS_ABSURD, /* no such register, denormal, or far out of range */
-    IS_BAD,    /* out of range, NaN, or no value for another reason */
-    IS_WEAK,   /* in range, but many register contents are */
-    IS_STRONG
-} verdict;
-
-static verdict grade_float(const tl_config_signal *signal, double raw, double value) {
-    const double low = isfinite(signal->minimum) ? fabs(signal->minimum) : 0;
-    const double high = isfinite(signal->maximum) ? fabs(signal->maximum) : 0;
-    const double size = fmax(low, high) > 0 ? fmax(low, high) : 1; /* of the limits */
-    const double most = fmax(low, high) > 0 ? ABSURD * size : LARGEST;
-    if (fabs(raw) > 0 && (fabs(raw) < (double)FLT_MIN || fabs(value) > most)) {
-        return IS_ABSURD;
-    }
-    if (value < signal->minimum || value > signal->maximum) {
-        return IS_BAD;
-    }
-    return fabs(raw) > 0 && fabs(value) > SMALL * size ? IS_STRONG : IS_WEAK;
-}
-
-static verdict grade_registers(const tl_config_signal *signal, const tl_modbus_channel *channel,
-                               const uint16_t *registers) {
-    tl_modbus_channel plain = *channel;
-    double raw = 0;
-    double value = 0;
-    plain.scale = 1;
-    plain.offset = 0;
-    if (!tl_modbus_decode(&plain, registers, &raw) || !tl_modbus_decode(channel, registers, &value)) {
-        return IS_BAD;
-    }
-    if (channel->type == TL_MODBUS_FLOAT32) {
-        return grade_float(signal, raw, value);
-    }
-    if (value < signal->minimum || value > signal->maximum) {
-        return IS_BAD;
-    }
-    const double contents = ldexp(1, 16 * (int)tl_modbus_registers(channel->type));
-    const double in_range = (signal->maximum - signal->minimum) / fabs(channel->scale);
-    return fabs(raw) > 0 && channel->type != TL_MODBUS_BIT && in_range * RARE <= contents ? IS_STRONG : IS_WEAK;
-}
-
-/* Grades a signal as it was read. The driver calls a missing register illegal. */
-static verdict grade(const tl_plant_probe *found, const tl_probe_modbus *read, size_t signal,
-                     const tl_modbus_channel *channel) {
-    const tl_plant_probe_signal *own = &found->signals[signal];
-    if (own->last.quality == TL_NO_LINK || !read->has_registers[signal]) {
-        return strstr(own->cause, "Illegal") != NULL ? IS_ABSURD : IS_BAD;
-    }
-    return grade_registers(&read->config->signals[signal], channel, read->registers[signal]);
-}
-
-/* ---- mappings ---- */
-
-/* Only signals that are read raw can be judged and changed. */
 static bool is_of_source(const cure_search *self, size_t signal) {
-    const tl_config *config = self->present->config;
-    return config->signals[signal].source == self->source && tl_probe_modbus_is_raw(config, signal);
+    return self->present->config->signals[signal].source == self->source;
 }
 
-/* Changes a channel. Returns false if it has no such neighbour. */
-static bool apply(const mapping_change *step, tl_modbus_channel *channel) {
-    static const tl_modbus_table other[] = {[TL_MODBUS_COIL] = TL_MODBUS_DISCRETE,
-                                            [TL_MODBUS_DISCRETE] = TL_MODBUS_COIL,
-                                            [TL_MODBUS_HOLDING] = TL_MODBUS_INPUT,
-                                            [TL_MODBUS_INPUT] = TL_MODBUS_HOLDING};
-    const size_t registers = tl_modbus_registers(channel->type);
-    const long address = (long)channel->address + step->shift;
-    channel->words_little = channel->words_little != (step->words && registers > 1);
-    channel->table = step->table ? other[channel->table] : channel->table;
-    channel->address = (uint16_t)address;
-    channel->unit_id = step->unit >= 0 ? (uint8_t)step->unit : channel->unit_id;
-    return address >= 0 && address + (long)registers <= 65536;
+static const tl_modbus_settings *settings_of(const cure_search *self) {
+    return self->present->config->sources[self->source].settings;
 }
 
-static bool is_same(const tl_modbus_channel *a, const tl_modbus_channel *b) {
-    return a->words_little == b->words_little && a->table == b->table && a->address == b->address &&
-           a->unit_id == b->unit_id;
-}
+/* ---- readings ---- */
 
-/* Sets the changed mapping. Returns false if it is impossible, or changes nothing. */
-static bool set_mapping(cure_search *self, const mapping_change *step) {
-    const tl_config *config = self->present->config;
-    const tl_modbus_settings *settings = config->sources[self->source].settings;
-    const bool is_line = settings->line.device != NULL;
-    bool changes = step->port != 0 && step->port != settings->port;
-    tl_probe_modbus_begin(&self->tried, config);
-    self->tried.source = self->source;
-    self->tried.port = step->port;
-    if (is_line && (step->port != 0 || step->unit == 0 || step->unit == UINT8_MAX)) {
-        return false;
-    }
-    for (size_t i = 0; i < config->own_count; i++) {
-        if (is_of_source(self, i)) {
-            if (!apply(step, &self->tried.channels[i])) {
-                return false;
-            }
-            changes = changes || !is_same(&self->tried.channels[i], &self->present->channels[i]);
-        }
-    }
-    return changes;
-}
-
-static tl_status read_mapping(cure_search *self, tl_error *error) {
-    const tl_modbus_settings *source = self->present->config->sources[self->source].settings;
+static void read_once(cure_search *self) {
+    const tl_probe_link *link = &self->tried.link;
+    memset(self->tried.has_registers, 0, sizeof self->tried.has_registers);
     char *text = tl_probe_modbus_text(&self->tried);
     const tl_plant_probe_settings settings = {
         .config = self->present->config,
         .text = text,
-        .duration = tl_time_of_seconds(PASS_S + 2 * source->timeout_s),
+        .duration = tl_time_of_seconds(PASS_S + 2 * settings_of(self)->timeout_s + 5 * link->pause_s),
         .is_brief = true,
         .run_role = self->run_role,
         .convert = tl_probe_modbus_convert,
         .concerns = tl_probe_modbus_concerns,
         .context = &self->tried,
     };
-    tl_status status = text != NULL ? tl_plant_probe_run(&settings, &self->read, error)
-                                    : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the configuration");
+    self->status = text != NULL ? tl_plant_probe_run(&settings, &self->read, self->error)
+                                : tl_fail(self->error, TL_TRY_AGAIN, "not enough memory for the configuration");
     free(text);
-    return status;
 }
 
-/* Returns true if the mapping that was read is plausible and the present one is not, where both
- * differ. *strong: number of strong values where both differ. */
-static bool is_plausible(const cure_search *self, size_t *strong) {
-    *strong = 0;
-    for (size_t i = 0; i < self->present->config->own_count; i++) {
-        if (is_of_source(self, i)) {
-            const tl_modbus_channel *channel = &self->tried.channels[i];
-            const bool is_kept = self->tried.port == 0 && is_same(channel, &self->present->channels[i]);
-            const verdict now = grade(self->found, self->present, i, &self->present->channels[i]);
-            const verdict then = grade(&self->read, &self->tried, i, channel);
-            if (then < IS_WEAK || (now == IS_STRONG && !is_kept)) {
-                return false;
-            }
-            *strong += then == IS_STRONG && !is_kept ? 1 : 0;
+/* Reads self->tried; values of 64 bits again as int64 if they are no float64. Returns false if that
+ * failed. */
+static bool read_mapping(cure_search *self) {
+    bool is_again = false;
+    memset(self->tried.is_int64, 0, sizeof self->tried.is_int64);
+    read_once(self);
+    for (size_t i = 0; i < self->present->config->own_count && self->status == TL_OK; i++) {
+        if (is_of_source(self, i) && self->read.signals[i].last.quality == TL_NOT_A_NUMBER &&
+            !self->tried.has_registers[i]) {
+            self->tried.is_int64[i] = true;
+            is_again = true;
         }
     }
-    return *strong > 0;
+    if (is_again) {
+        read_once(self);
+    }
+    return self->status == TL_OK && tl_interrupt_requested() == NULL;
 }
 
-/* Returns true if a value proves nothing against its mapping: a sensor that is off often gives 0 or
- * NaN. */
-static bool is_off(const cure_search *self, size_t signal) {
-    static const uint16_t zeros[TL_PROBE_REGISTERS];
-    return self->found->signals[signal].last.quality == TL_NOT_A_NUMBER ||
-           memcmp(self->present->registers[signal], zeros, sizeof zeros) == 0;
+/* The driver calls a missing register illegal; other problems concern the connection. */
+static bool is_illegal(const tl_plant_probe_signal *signal) {
+    return signal->last.quality == TL_NO_LINK && strstr(signal->cause, "Illegal") != NULL;
 }
 
 /* Returns true if the device has a value or refuses the request; false also if a gateway answers
@@ -220,115 +121,476 @@ static bool has_answer(const tl_plant_probe_signal *signal) {
            (strstr(signal->cause, ": unit ") != NULL && strstr(signal->cause, "check unit_id") == NULL);
 }
 
-/* Returns true if the mapping, not only a sensor, must be wrong. */
-static bool is_wrong(cure_search *self) {
-    size_t absurd = 0;
-    size_t bad = 0;
-    size_t answers = 0;
+/* Counts the signals without value, whose registers may yet exist. */
+static size_t count_missing(const cure_search *self, const tl_plant_probe *read) {
     size_t missing = 0;
-    self->is_illegal = false;
-    self->is_refused = false;
     for (size_t i = 0; i < self->present->config->own_count; i++) {
-        if (is_of_source(self, i)) {
-            const tl_plant_probe_signal *signal = &self->found->signals[i];
-            const verdict now = grade(self->found, self->present, i, &self->present->channels[i]);
-            const bool has_value = signal->last.quality != TL_NO_LINK;
-            absurd += now == IS_ABSURD ? 1 : 0;
-            bad += now == IS_BAD && has_value && !is_off(self, i) ? 1 : 0;
-            missing += now == IS_BAD && !has_value ? 1 : 0;
-            answers += has_answer(signal) ? 1 : 0;
-            self->is_refused = self->is_refused || strstr(signal->cause, "no connection") != NULL;
-            self->is_illegal = self->is_illegal || (now == IS_ABSURD && !has_value);
+        const tl_plant_probe_signal *signal = &read->signals[i];
+        missing += is_of_source(self, i) && signal->last.quality == TL_NO_LINK && !is_illegal(signal) ? 1 : 0;
+    }
+    return missing;
+}
+
+static bool is_refused(const cure_search *self, const tl_plant_probe *read) {
+    bool refused = false;
+    for (size_t i = 0; i < self->present->config->own_count; i++) {
+        refused = refused || (is_of_source(self, i) && strstr(read->signals[i].cause, "no connection") != NULL);
+    }
+    return refused;
+}
+
+/* ---- scores ---- */
+
+static bool is_same_order(const tl_modbus_channel *a, const tl_modbus_channel *b) {
+    return a->words_little == b->words_little && a->bytes_little == b->bytes_little && a->table == b->table &&
+           a->address == b->address && a->unit_id == b->unit_id;
+}
+
+static bool is_same_decoding(const tl_modbus_channel *a, const tl_modbus_channel *b) {
+    return a->type == b->type && fabs(a->scale - b->scale) <= 1e-9 * fabs(b->scale);
+}
+
+static bool is_same_link(const tl_probe_link *a, const tl_probe_link *b) {
+    return a->port == b->port && a->other_framing == b->other_framing && a->most_registers == b->most_registers &&
+           a->pause_s >= b->pause_s && a->pause_s <= b->pause_s;
+}
+
+/* Ignores type, scale and sign. */
+static bool is_same_mapping(const cure_search *self, const candidate *a, const tl_modbus_channel *channels,
+                            const tl_probe_link *link) {
+    bool same = is_same_link(&a->link, link);
+    for (size_t i = 0; i < self->present->config->own_count; i++) {
+        same = same && (!is_of_source(self, i) || is_same_order(&a->channels[i], &channels[i]));
+    }
+    return same;
+}
+
+/* Keeps the mapping if it is the best, or the next one. */
+static void offer(cure_search *self, const candidate *offered) {
+    if (is_same_mapping(self, &self->best, offered->channels, &offered->link)) {
+        self->best = offered->score > self->best.score ? *offered : self->best;
+    } else if (offered->score > self->best.score) {
+        self->next = self->best.score;
+        self->best = *offered;
+    } else {
+        self->next = fmax(self->next, offered->score);
+    }
+}
+
+/* Evidence of a signal as it was read, decoded by `channel`. */
+static double evidence_of(const cure_search *self, size_t signal, const tl_modbus_channel *channel, bool at_start) {
+    const tl_plant_probe_signal *read = &self->read.signals[signal];
+    if (read->last.quality == TL_NO_LINK) {
+        return TL_PROBE_ABSURD;
+    }
+    if (!self->tried.has_registers[signal]) {
+        return -4; /* NaN */
+    }
+    return tl_probe_evidence(&self->present->config->signals[signal], channel, self->tried.registers[signal], at_start);
+}
+
+/* Decoding of one signal: as configured (the first one), the best one, and the next one. */
+typedef struct decoding_choice {
+    tl_modbus_channel best;
+    double score, next, present;
+} decoding_choice;
+
+static void choose(decoding_choice *self, const tl_modbus_channel *channel, double score) {
+    if (!isfinite(self->present)) {
+        self->present = score;
+    }
+    if (score > self->score) {
+        self->next = self->score;
+        self->score = score;
+        self->best = *channel;
+    } else {
+        self->next = fmax(self->next, score);
+    }
+}
+
+/* Tries each scale and sign. */
+static void choose_scale(const cure_search *self, size_t signal, const tl_modbus_channel *channel, double cost,
+                         bool at_start, decoding_choice *choice) {
+    static const double scales[] = {1, 10, 0.1, 100, 0.01, 1000, 0.001};
+    for (size_t i = 0; i < COUNT_OF(scales) * 2; i++) {
+        tl_modbus_channel scaled = *channel;
+        const double factor = scales[i / 2] * (i % 2 == 0 ? 1 : -1);
+        const double more = (i / 2 > 0 ? SIGNAL_COST : 0) + (i % 2 > 0 ? SIGNAL_COST : 0);
+        scaled.scale *= factor;
+        choose(choice, &scaled, evidence_of(self, signal, &scaled, at_start) - cost - more);
+    }
+}
+
+/* Tries each type that the registers can hold. */
+static void choose_type(const cure_search *self, size_t signal, const tl_modbus_channel *channel, bool at_start,
+                        decoding_choice *choice) {
+    static const tl_modbus_type types[] = {TL_MODBUS_INT16,   TL_MODBUS_UINT16, TL_MODBUS_INT32,  TL_MODBUS_UINT32,
+                                           TL_MODBUS_FLOAT32, TL_MODBUS_INT64,  TL_MODBUS_FLOAT64};
+    const size_t registers = tl_modbus_registers(channel->type) * (self->tried.is_wide ? 2 : 1);
+    const bool is_read = self->tried.has_registers[signal] && self->read.signals[signal].last.quality != TL_NO_LINK;
+    bool is_number = false;
+    *choice = (decoding_choice){.score = -HUGE_VAL, .next = -HUGE_VAL, .present = -HUGE_VAL};
+    for (size_t i = 0; i < COUNT_OF(types); i++) {
+        is_number = is_number || channel->type == types[i];
+    }
+    if (!is_read || !is_number) {
+        choose(choice, channel, evidence_of(self, signal, channel, at_start));
+        return;
+    }
+    choose_scale(self, signal, channel, 0, at_start, choice);
+    for (size_t i = 0; i < COUNT_OF(types); i++) {
+        tl_modbus_channel other = *channel;
+        other.type = types[i];
+        if (types[i] != channel->type && tl_modbus_registers(types[i]) <= registers) {
+            choose_scale(self, signal, &other, SIGNAL_COST, at_start, choice);
         }
     }
-    self->is_silent = answers == 0 && missing > 0;
-    return self->is_silent || (missing == 0 && (absurd > 0 || bad >= 2));
+}
+
+/* Offers the channels, each with another type, scale or sign if that is clearly better. */
+static void offer_choices(cure_search *self, const tl_modbus_channel *channels, double cost, bool at_start) {
+    static candidate offered; /* static, because it is large */
+    offered.score = (at_start ? AT_START : ELSEWHERE) - cost;
+    offered.link = self->tried.link;
+    for (size_t i = 0; i < self->present->config->own_count; i++) {
+        if (is_of_source(self, i)) {
+            decoding_choice choice;
+            choose_type(self, i, &channels[i], at_start, &choice);
+            const double gain = choice.score - choice.present;
+            const bool is_clear = gain > SIGNAL_BETTER && choice.score - choice.next > CLEARER;
+            offered.is_unclear[i] = gain > REMARKABLE && !is_clear;
+            offered.channels[i] = is_clear ? choice.best : channels[i];
+            offered.score += is_clear ? choice.score : choice.present;
+        }
+    }
+    offer(self, &offered);
+}
+
+/* Offers what was read, in all word and byte orders. */
+static void offer_orders(cure_search *self, double cost) {
+    tl_modbus_channel channels[TL_MAX_SIGNALS];
+    for (unsigned order = 0; order < 4; order++) {
+        const bool words = (order & 1) != 0;
+        const bool bytes = (order & 2) != 0;
+        for (size_t i = 0; i < self->present->config->own_count; i++) {
+            const tl_modbus_channel *tried = &self->tried.channels[i];
+            channels[i] = *tried;
+            channels[i].words_little = tried->words_little != (words && tl_modbus_registers(tried->type) > 1);
+            channels[i].bytes_little = tried->bytes_little != (bytes && tried->type != TL_MODBUS_BIT);
+        }
+        const double more = (words ? WORDS_COST : 0) + (bytes ? BYTES_COST : 0);
+        offer_choices(self, channels, cost + more, true);
+        offer_choices(self, channels, cost + more, false);
+    }
+}
+
+/* Score of what was read, exactly as it was. */
+static double score_unchanged(const cure_search *self) {
+    double at_start = AT_START;
+    double elsewhere = ELSEWHERE;
+    for (size_t i = 0; i < self->present->config->own_count; i++) {
+        if (is_of_source(self, i)) {
+            at_start += evidence_of(self, i, &self->tried.channels[i], true);
+            elsewhere += evidence_of(self, i, &self->tried.channels[i], false);
+        }
+    }
+    return fmax(at_start, elsewhere);
+}
+
+/* ---- places ---- */
+
+/* Changes the places of all signals. Returns false if one does not exist. */
+static bool set_place(cure_search *self, const tl_modbus_channel *from, bool other_table, long shift) {
+    static const tl_modbus_table other[] = {[TL_MODBUS_COIL] = TL_MODBUS_DISCRETE,
+                                            [TL_MODBUS_DISCRETE] = TL_MODBUS_COIL,
+                                            [TL_MODBUS_HOLDING] = TL_MODBUS_INPUT,
+                                            [TL_MODBUS_INPUT] = TL_MODBUS_HOLDING};
+    for (size_t i = 0; i < self->present->config->own_count; i++) {
+        if (is_of_source(self, i)) {
+            tl_modbus_channel *channel = &self->tried.channels[i];
+            const long address = from[i].address + shift;
+            if (address < 0 || address + (long)tl_modbus_registers(channel->type) > 65536) {
+                return false;
+            }
+            channel->table = other_table ? other[from[i].table] : from[i].table;
+            channel->address = (uint16_t)address;
+        }
+    }
+    return true;
+}
+
+/* Returns the number that manuals add to the addresses of this table, if all addresses may have
+ * it; else 0. */
+static long notation_of(const cure_search *self) {
+    unsigned least = UINT16_MAX;
+    for (size_t i = 0; i < self->present->config->own_count; i++) {
+        const unsigned address = self->present->channels[i].address;
+        least = is_of_source(self, i) && address < least ? address : least;
+    }
+    return least >= HOLDING_FIRST ? HOLDING_FIRST : least >= INPUT_FIRST ? INPUT_FIRST : 0;
+}
+
+/* Reads and offers all other places of the mapping self->tried. */
+static void try_places(cure_search *self) {
+    tl_modbus_channel from[TL_MAX_SIGNALS];
+    const long notation = notation_of(self);
+    memcpy(from, self->tried.channels, sizeof from);
+    for (int i = 0; i < 12 && self->status == TL_OK && tl_interrupt_requested() == NULL; i++) {
+        const bool other_table = i % 2 != 0;
+        const long step = (long[]){0, -1, 1}[i / 2 % 3];
+        const bool is_noted = i / 6 > 0;
+        const double cost = (other_table ? PLACE_COST : 0) + (step != 0 ? PLACE_COST : 0);
+        if (i != 0 && (!is_noted || notation > 0) &&
+            set_place(self, from, other_table, step - (is_noted ? notation : 0)) && read_mapping(self)) {
+            offer_orders(self, cost + (is_noted ? WORDS_COST : 0));
+        }
+    }
+    (void)set_place(self, from, false, 0);
+}
+
+/* Reads and offers the mapping self->tried with more registers of each value. */
+static void try_wide(cure_search *self) {
+    self->tried.is_wide = true;
+    if (self->status == TL_OK && tl_interrupt_requested() == NULL && read_mapping(self)) {
+        offer_orders(self, 0);
+    }
+    self->tried.is_wide = false;
+}
+
+/* ---- connections ---- */
+
+static void set_unit(cure_search *self, int unit) {
+    for (size_t i = 0; i < self->present->config->own_count; i++) {
+        if (is_of_source(self, i)) {
+            self->tried.channels[i].unit_id = unit >= 0 ? (uint8_t)unit : self->present->channels[i].unit_id;
+        }
+    }
+}
+
+/* Reads self->tried with another unit, -1: the present one. Returns true if the device answers. */
+static bool is_answered(cure_search *self, tl_probe_link link, int unit) {
+    const bool is_line = settings_of(self)->line.device != NULL;
+    if (is_line && (link.port != 0 || link.other_framing || unit == 0 || unit == UINT8_MAX)) {
+        return false;
+    }
+    self->tried.link = link;
+    set_unit(self, unit);
+    return tl_interrupt_requested() == NULL && self->status == TL_OK && read_mapping(self) &&
+           count_missing(self, &self->read) == 0;
+}
+
+/* Sets *port to one that accepts a connection. Returns true if the device answers there. */
+static bool find_port(cure_search *self, uint16_t *port) {
+    for (size_t i = 0; i < COUNT_OF(PORTS); i++) {
+        if (PORTS[i] != settings_of(self)->port) {
+            const bool answers = is_answered(self, (tl_probe_link){.port = PORTS[i]}, -1);
+            if (answers || (*port == 0 && !is_refused(self, &self->read))) {
+                *port = PORTS[i];
+            }
+            if (answers) {
+                return true;
+            }
+        }
+    }
+    return false;
+}
+
+/* Raises most_registers as far as the device answers; drops what is not needed. Reads the result. */
+static void simplify_link(cure_search *self, int unit) {
+    tl_probe_link link = self->tried.link;
+    tl_probe_link simple = link;
+    simple.most_registers = 0;
+    if (link.most_registers != 0 && is_answered(self, simple, unit)) {
+        return;
+    }
+    for (uint8_t most = 2; link.most_registers != 0 && most <= 64; most = (uint8_t)(most * 2)) {
+        simple.most_registers = most;
+        if (!is_answered(self, simple, unit)) {
+            break;
+        }
+        link = simple;
+    }
+    (void)is_answered(self, link, unit);
+}
+
+/* Finds other keys of the connection with which the device answers, and reads with them. First one
+ * key, then two. */
+static bool find_link(cure_search *self) {
+    tl_probe_link base = {0};
+    const bool refused = is_refused(self, self->found);
+    if (self->is_silent && refused && find_port(self, &base.port)) {
+        return true;
+    }
+    if (self->is_silent && refused && base.port == 0) {
+        return false;
+    }
+    for (unsigned i = 0; i < 4; i++) {
+        tl_probe_link link = base;
+        link.other_framing = i == 0;
+        link.most_registers = i == 1 ? 1 : 0;
+        link.pause_s = i >= 2 ? PAUSES_S[i - 2] : 0;
+        if (is_answered(self, link, -1)) {
+            simplify_link(self, -1);
+            return true;
+        }
+    }
+    for (unsigned kind = 0; kind < 3 && self->is_silent; kind++) {
+        for (size_t i = 0; i < COUNT_OF(UNITS) + (kind > 0 ? 1 : 0); i++) {
+            tl_probe_link link = base;
+            const int unit = i < COUNT_OF(UNITS) ? UNITS[i] : -1;
+            link.other_framing = kind == 1 || (kind == 2 && unit < 0);
+            link.most_registers = kind > 0 ? 1 : 0;
+            link.pause_s = kind == 2 ? PAUSES_S[0] : 0;
+            if (is_answered(self, link, unit)) {
+                simplify_link(self, unit);
+                return true;
+            }
+        }
+    }
+    return false;
 }
 
 /* ---- proposals ---- */
 
-static void describe_signal(const cure_search *self, const tl_modbus_channel *present, const tl_modbus_channel *wanted,
-                            char text[TL_PROBE_CURE]) {
-    const char *words = wanted->words_little ? "little" : "big";
-    size_t used = (size_t)snprintf(text, TL_PROBE_CURE, "%s", self->is_silent ? "perhaps" : "likely");
-    if (self->newest->port != 0) {
-        used += (size_t)snprintf(text + used, TL_PROBE_CURE - used, " \"port\": %d in its source", MODBUS_PORT);
+static void add_key(char text[TL_PROBE_CURE], const char *format, ...) {
+    const size_t used = strlen(text);
+    va_list arguments;
+    va_start(arguments, format);
+    (void)vsnprintf(text + used, TL_PROBE_CURE - used, format, arguments);
+    va_end(arguments);
+}
+
+static void describe_link(const cure_search *self, char text[TL_PROBE_CURE]) {
+    const tl_probe_link *link = &self->best.link;
+    const tl_probe_modbus changed = {.config = self->present->config, .source = self->source, .link = *link};
+    if (link->port != 0) {
+        add_key(text, " \"port\": %u in its source", (unsigned)link->port);
     }
+    if (link->other_framing) {
+        add_key(text, " \"framing\": \"%s\" in its source", tl_probe_modbus_framing(&changed));
+    }
+    if (link->pause_s > 0) {
+        add_key(text, " \"pause_s\": %g in its source", link->pause_s);
+    }
+    if (link->most_registers != 0) {
+        add_key(text, " \"most_registers\": %u in its source", (unsigned)link->most_registers);
+    }
+}
+
+static void describe_signal(const cure_search *self, size_t signal, char text[TL_PROBE_CURE]) {
+    const tl_modbus_channel *present = &self->present->channels[signal];
+    const tl_modbus_channel *wanted = &self->best.channels[signal];
     if (wanted->unit_id != present->unit_id) {
-        used += (size_t)snprintf(text + used, TL_PROBE_CURE - used, " \"unit_id\": %u instead of %u",
-                                 (unsigned)wanted->unit_id, (unsigned)present->unit_id);
+        add_key(text, " \"unit_id\": %u", (unsigned)wanted->unit_id);
     }
     if (wanted->table != present->table) {
-        const char *table = tl_probe_modbus_tables[wanted->table];
-        used += (size_t)snprintf(text + used, TL_PROBE_CURE - used, " \"table\": \"%s\"", table);
+        add_key(text, " \"table\": \"%s\"", tl_probe_modbus_tables[wanted->table]);
     }
     if (wanted->address != present->address) {
-        used += (size_t)snprintf(text + used, TL_PROBE_CURE - used, " \"address\": %u", (unsigned)wanted->address);
+        add_key(text, " \"address\": %u", (unsigned)wanted->address);
+    }
+    if (wanted->type != present->type) {
+        add_key(text, " \"type\": \"%s\"", tl_probe_modbus_types[wanted->type]);
     }
     if (wanted->words_little != present->words_little) {
-        (void)snprintf(text + used, TL_PROBE_CURE - used, " \"words\": \"%s\"", words);
+        add_key(text, " \"words\": \"%s\"", wanted->words_little ? "little" : "big");
+    }
+    if (wanted->bytes_little != present->bytes_little) {
+        add_key(text, " \"bytes\": \"%s\"", wanted->bytes_little ? "little" : "big");
+    }
+    if (fabs(wanted->scale - present->scale) > 1e-9 * fabs(present->scale)) {
+        add_key(text, " \"scale\": %.9g", wanted->scale);
     }
 }
 
 /* Writes the proposal for each signal whose mapping it changes. */
-static void propose(cure_search *self, bool is_proven, char cures[TL_MAX_SIGNALS][TL_PROBE_CURE]) {
-    (void)set_mapping(self, self->newest);
+static void propose(const cure_search *self, double unchanged, char cures[TL_MAX_SIGNALS][TL_PROBE_CURE]) {
+    const tl_probe_link no_change = {0};
+    const candidate *best = &self->best;
+    const bool is_same_source = is_same_mapping(self, best, self->present->channels, &no_change);
+    const double gain = best->score - unchanged;
+    const bool is_clear = is_same_source || (gain > BETTER && best->score - self->next > CLEARER);
     for (size_t i = 0; i < self->present->config->own_count; i++) {
         const tl_modbus_channel *present = &self->present->channels[i];
-        const tl_modbus_channel *wanted = &self->tried.channels[i];
-        if (is_of_source(self, i) && !is_proven) {
-            (void)snprintf(cures[i], TL_PROBE_CURE,
-                           "several mappings may be right: compare with the display of the device");
-        } else if (is_of_source(self, i) && (self->newest->port != 0 || !is_same(present, wanted))) {
-            describe_signal(self, present, wanted, cures[i]);
+        const bool is_changed = is_of_source(self, i) && (!is_same_link(&best->link, &no_change) ||
+                                                          !is_same_order(&best->channels[i], present) ||
+                                                          !is_same_decoding(&best->channels[i], present));
+        if (is_changed && is_clear) {
+            (void)snprintf(cures[i], TL_PROBE_CURE, "%s", self->is_silent ? "perhaps" : "likely");
+            describe_link(self, cures[i]);
+            describe_signal(self, i, cures[i]);
+        } else if (is_of_source(self, i) && (best->is_unclear[i] || (is_changed && gain > REMARKABLE))) {
+            (void)snprintf(cures[i], TL_PROBE_CURE, "cannot be told: compare with the display of the device");
         }
     }
 }
 
-/* Reads each mapping and counts the plausible ones. */
-static tl_status try_all(cure_search *self, const mapping_change *steps, size_t count, tl_error *error) {
-    tl_status status = TL_OK;
-    size_t strong = 0;
-    for (size_t i = 0; i < count && status == TL_OK && tl_interrupt_requested() == NULL; i++) {
-        if (set_mapping(self, &steps[i])) {
-            status = read_mapping(self, error);
-            if (status == TL_OK && is_plausible(self, &strong)) {
-                self->newest = &steps[i];
-                self->strong = strong;
-                self->plausible++;
-            }
+/* Counts doubtful values; an absurd one twice. A sensor that is off often gives 0 or NaN. */
+static size_t count_doubts(const cure_search *self) {
+    size_t doubts = 0;
+    for (size_t i = 0; i < self->present->config->own_count; i++) {
+        if (is_of_source(self, i)) {
+            const tl_modbus_channel *channel = &self->tried.channels[i];
+            const double evidence = evidence_of(self, i, channel, false);
+            const bool is_off = self->read.signals[i].last.quality == TL_NOT_A_NUMBER;
+            const bool has_start = self->present->config->signals[i].plan.has_initial;
+            doubts += evidence <= TL_PROBE_ABSURD ? 2 : 0;
+            doubts += !is_off && evidence < DOUBTFUL ? 1 : 0;
+            doubts += has_start && evidence_of(self, i, channel, true) < DOUBTFUL ? 1 : 0;
         }
     }
-    return status;
+    return doubts;
 }
 
-/* Another table or address of a device that has the present ones needs two strong values: one can
- * be in its range by chance. */
-static bool is_proven(const cure_search *self) {
-    return self->plausible == 1 && (self->is_silent || self->is_illegal || self->strong >= 2 ||
-                                    (!self->newest->table && self->newest->shift == 0));
+static bool has_64_bits(const cure_search *self) {
+    bool has = false;
+    for (size_t i = 0; i < self->present->config->own_count; i++) {
+        has = has || (is_of_source(self, i) && tl_modbus_registers(self->present->channels[i].type) == 4);
+    }
+    return has;
 }
 
-static tl_status search_source(cure_search *self, char cures[TL_MAX_SIGNALS][TL_PROBE_CURE], tl_error *error) {
-    tl_status status = TL_OK;
-    self->plausible = 0;
-    if (!is_wrong(self)) {
-        return TL_OK;
+/* Offers the mapping that was read, and the others that the doubts suggest. */
+static void offer_all(cure_search *self) {
+    const size_t doubts = count_doubts(self);
+    const bool is_rounded = doubts > 0 && has_64_bits(self);
+    if (is_rounded && !read_mapping(self)) {
+        return;
     }
-    tl_log(TL_LOG_NOTICE, "%s: no plausible values: other mappings are tried",
-           self->present->config->sources[self->source].name);
-    if (self->is_silent) { /* a unit id needs a connection */
-        status = try_all(self, SILENT, self->is_refused ? 1 : COUNT_OF(SILENT), error);
-    } else {
-        status = try_all(self, SINGLE, COUNT_OF(SINGLE), error);
+    offer_orders(self, 0);
+    if (doubts >= 2) {
+        tl_log(TL_LOG_NOTICE, "%s: no plausible values: other mappings are tried",
+               self->present->config->sources[self->source].name);
+        try_places(self);
     }
-    if (status == TL_OK && self->plausible == 0 && !self->is_silent) {
-        status = try_all(self, DOUBLE, COUNT_OF(DOUBLE), error);
+    if (doubts > 0) {
+        try_wide(self);
     }
-    if (status == TL_OK && self->plausible > 0 && tl_interrupt_requested() == NULL) {
-        propose(self, is_proven(self), cures);
+}
+
+static void search_source(cure_search *self, char cures[TL_MAX_SIGNALS][TL_PROBE_CURE]) {
+    const tl_config *config = self->present->config;
+    size_t answers = 0;
+    self->tried = *self->present;
+    self->tried.source = self->source;
+    self->read = *self->found;
+    self->best = (candidate){.score = -HUGE_VAL};
+    self->next = -HUGE_VAL;
+    for (size_t i = 0; i < config->own_count; i++) {
+        answers += is_of_source(self, i) && has_answer(&self->found->signals[i]) ? 1 : 0;
     }
-    return status;
+    const size_t missing = count_missing(self, self->found);
+    const double unchanged = score_unchanged(self);
+    self->is_silent = answers == 0 && missing > 0;
+    if (missing > 0) {
+        tl_log(TL_LOG_NOTICE, "%s: no answer: other mappings are tried", config->sources[self->source].name);
+    }
+    if (missing == 0 || find_link(self)) {
+        offer_all(self);
+    }
+    if (self->status == TL_OK && tl_interrupt_requested() == NULL && isfinite(self->best.score)) {
+        propose(self, unchanged, cures);
+    }
 }
 
 tl_status tl_probe_cures_find(const tl_plant_probe *found, const tl_probe_modbus *present,
@@ -336,16 +598,17 @@ tl_status tl_probe_cures_find(const tl_plant_probe *found, const tl_probe_modbus
                               char cures[TL_MAX_SIGNALS][TL_PROBE_CURE], tl_error *error) {
     static cure_search self; /* static, because it is too large for the stack */
     const tl_config *config = present->config;
-    tl_status status = TL_OK;
     memset(cures, 0, TL_MAX_SIGNALS * sizeof cures[0]);
     self.found = found;
     self.present = present;
     self.run_role = run_role;
-    for (size_t i = 0; i < config->source_count && status == TL_OK; i++) {
+    self.error = error;
+    self.status = TL_OK;
+    for (size_t i = 0; i < config->source_count && self.status == TL_OK; i++) {
         self.source = i;
         if (tl_probe_modbus_has_source(config, i)) {
-            status = search_source(&self, cures, error);
+            search_source(&self, cures);
         }
     }
-    return status;
+    return self.status;
 }

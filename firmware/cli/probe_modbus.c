@@ -9,12 +9,18 @@
 #include "firmware/config/json_document.h"
 
 const char *const tl_probe_modbus_tables[] = {"", "coil", "discrete", "holding", "input"};
+const char *const tl_probe_modbus_types[] = {
+    [TL_MODBUS_BIT] = "bit",     [TL_MODBUS_INT16] = "int16",   [TL_MODBUS_UINT16] = "uint16",
+    [TL_MODBUS_INT32] = "int32", [TL_MODBUS_UINT32] = "uint32", [TL_MODBUS_FLOAT32] = "float32",
+    [TL_MODBUS_INT64] = "int64", [TL_MODBUS_UINT64] = "uint64", [TL_MODBUS_FLOAT64] = "float64"};
 
 void tl_probe_modbus_begin(tl_probe_modbus *self, const tl_config *config) {
     *self = (tl_probe_modbus){.config = config};
     for (size_t i = 0; i < config->own_count; i++) {
         if (tl_probe_modbus_has(config, i)) {
             self->channels[i] = *(const tl_modbus_channel *)config->signals[i].channel;
+            self->is_int64[i] = tl_modbus_registers(self->channels[i].type) == TL_PROBE_REGISTERS &&
+                                self->channels[i].type != TL_MODBUS_FLOAT64;
         }
     }
 }
@@ -28,27 +34,31 @@ bool tl_probe_modbus_has(const tl_config *config, size_t signal) {
     return source != SIZE_MAX && tl_probe_modbus_has_source(config, source);
 }
 
-bool tl_probe_modbus_is_raw(const tl_config *config, size_t signal) {
-    const tl_modbus_channel *channel = config->signals[signal].channel;
-    return tl_probe_modbus_has(config, signal) && tl_modbus_registers(channel->type) <= TL_PROBE_REGISTERS;
-}
-
 /* ---- raw registers ---- */
 
-static tl_modbus_type raw_type(const tl_modbus_channel *channel) {
-    if (tl_modbus_registers(channel->type) == 2) {
-        return TL_MODBUS_UINT32;
+static tl_modbus_type raw_type(const tl_probe_modbus *self, size_t signal) {
+    const tl_modbus_type type = self->channels[signal].type;
+    const bool is_wide = self->is_wide && self->config->signals[signal].source == self->source;
+    switch (tl_modbus_registers(type) * (is_wide ? 2 : 1)) {
+    case 1:
+        return type == TL_MODBUS_BIT ? TL_MODBUS_BIT : TL_MODBUS_UINT16;
+    case 2:
+        return type == TL_MODBUS_BIT ? TL_MODBUS_BIT : TL_MODBUS_UINT32;
+    default:
+        return self->is_int64[signal] ? TL_MODBUS_INT64 : TL_MODBUS_FLOAT64;
     }
-    return channel->type == TL_MODBUS_BIT ? TL_MODBUS_BIT : TL_MODBUS_UINT16;
 }
 
-/* The channel of the changed configuration: most significant word and byte first, no scale
- * and no codes. */
-static tl_modbus_channel raw_channel(const tl_modbus_channel *channel) {
+/* The channel of the changed configuration: no scale and no codes; most significant word and byte
+ * first, except for int64, whose order decides whether it is exact. */
+static tl_modbus_channel raw_channel(const tl_probe_modbus *self, size_t signal) {
+    const tl_modbus_channel *channel = &self->channels[signal];
     return (tl_modbus_channel){.unit_id = channel->unit_id,
                                .table = channel->table,
                                .address = channel->address,
-                               .type = raw_type(channel),
+                               .type = raw_type(self, signal),
+                               .words_little = self->is_int64[signal] && channel->words_little,
+                               .bytes_little = self->is_int64[signal] && channel->bytes_little,
                                .scale = 1};
 }
 
@@ -57,36 +67,47 @@ static bool set_item(cJSON *object, const char *key, cJSON *item) {
     return cJSON_AddItemToObject(object, key, item) != 0;
 }
 
-static bool set_raw(cJSON *modbus, const tl_modbus_channel *channel) {
+static bool set_raw(cJSON *modbus, const tl_modbus_channel *raw) {
     static const char *const decoding[] = {"type", "words", "bytes", "scale", "offset", "bit", "byte", "not_available"};
-    static const char *const types[] = {
-        [TL_MODBUS_BIT] = "bit", [TL_MODBUS_UINT16] = "uint16", [TL_MODBUS_UINT32] = "uint32"};
     for (size_t i = 0; i < sizeof decoding / sizeof decoding[0]; i++) {
         cJSON_DeleteItemFromObjectCaseSensitive(modbus, decoding[i]);
     }
-    return set_item(modbus, "type", cJSON_CreateString(types[raw_type(channel)])) &&
-           set_item(modbus, "table", cJSON_CreateString(tl_probe_modbus_tables[channel->table])) &&
-           set_item(modbus, "address", cJSON_CreateNumber(channel->address)) &&
-           set_item(modbus, "unit_id", cJSON_CreateNumber(channel->unit_id));
+    return set_item(modbus, "type", cJSON_CreateString(tl_probe_modbus_types[raw->type])) &&
+           set_item(modbus, "table", cJSON_CreateString(tl_probe_modbus_tables[raw->table])) &&
+           (!raw->words_little || set_item(modbus, "words", cJSON_CreateString("little"))) &&
+           (!raw->bytes_little || set_item(modbus, "bytes", cJSON_CreateString("little"))) &&
+           set_item(modbus, "address", cJSON_CreateNumber(raw->address)) &&
+           set_item(modbus, "unit_id", cJSON_CreateNumber(raw->unit_id));
 }
 
-static bool set_port(const tl_probe_modbus *self, cJSON *root) {
+const char *tl_probe_modbus_framing(const tl_probe_modbus *self) {
+    const tl_modbus_settings *present = self->config->sources[self->source].settings;
+    return present->rtu_framing != self->link.other_framing ? "rtu" : "tcp";
+}
+
+static bool set_link(const tl_probe_modbus *self, cJSON *root) {
     const tl_config_source *source = &self->config->sources[self->source];
+    const tl_probe_link *link = &self->link;
     const cJSON *sources = cJSON_GetObjectItemCaseSensitive(root, "sources");
     const cJSON *named = cJSON_GetObjectItemCaseSensitive(sources, source->name);
     cJSON *settings = cJSON_GetObjectItemCaseSensitive(named, source->driver->name);
-    return set_item(settings, "port", cJSON_CreateNumber(self->port));
+    return (link->port == 0 || set_item(settings, "port", cJSON_CreateNumber(link->port))) &&
+           (!link->other_framing || set_item(settings, "framing", cJSON_CreateString(tl_probe_modbus_framing(self)))) &&
+           (!(link->pause_s > 0) || set_item(settings, "pause_s", cJSON_CreateNumber(link->pause_s))) &&
+           (link->most_registers == 0 ||
+            set_item(settings, "most_registers", cJSON_CreateNumber(link->most_registers)));
 }
 
 char *tl_probe_modbus_text(const tl_probe_modbus *self) {
     const tl_config *config = self->config;
     cJSON *root = cJSON_Duplicate(config->tree, 1);
     const cJSON *plant = cJSON_GetObjectItemCaseSensitive(root, "plant");
-    bool is_made = root != NULL && (self->port == 0 || set_port(self, root));
+    bool is_made = root != NULL && set_link(self, root);
     for (size_t i = 0; i < config->own_count && is_made; i++) {
-        if (tl_probe_modbus_is_raw(config, i)) {
+        if (tl_probe_modbus_has(config, i)) {
+            const tl_modbus_channel raw = raw_channel(self, i);
             const cJSON *signal = cJSON_GetObjectItemCaseSensitive(plant, config->signals[i].plan.name);
-            is_made = set_raw(cJSON_GetObjectItemCaseSensitive(signal, "modbus"), &self->channels[i]);
+            is_made = set_raw(cJSON_GetObjectItemCaseSensitive(signal, "modbus"), &raw);
         }
     }
     char *text = is_made ? cJSON_PrintUnformatted(root) : NULL;
@@ -96,10 +117,10 @@ char *tl_probe_modbus_text(const tl_probe_modbus *self) {
 
 void tl_probe_modbus_convert(void *context, size_t signal, tl_reading *reading) {
     tl_probe_modbus *self = context;
-    if (!tl_probe_modbus_is_raw(self->config, signal)) {
+    if (!tl_probe_modbus_has(self->config, signal)) {
         return;
     }
-    const tl_modbus_channel raw = raw_channel(&self->channels[signal]);
+    const tl_modbus_channel raw = raw_channel(self, signal);
     tl_modbus_encode(&raw, reading->value, self->registers[signal]);
     self->has_registers[signal] = true;
     if (!tl_modbus_decode(&self->channels[signal], self->registers[signal], &reading->value)) {

@@ -140,6 +140,8 @@ class Device:
             return pdu
         request, self.last = self.request, now
         if request.dev_id != self.unit:
+            self.drop = not self.gateway
+            pdu.exception_code = 11
             return pdu
         words = self.read(request.function_code, request.address, request.count) if request.function_code in (3, 4) else None
         if words is None or request.count > self.limit:
@@ -161,7 +163,7 @@ class Device:
         words = [[SimData(0, values=[0], datatype=DataType.REGISTERS)] for _ in (3, 4)]
         self.server = ModbusTcpServer([SimDevice(self.unit, simdata=(*bits, *words))], address=(self.host, self.port),
                                       framer=FramerType.RTU if self.rtu else FramerType.SOCKET,
-                                      ignore_missing_devices=not self.gateway, trace_pdu=self.trace_pdu,
+                                      trace_pdu=self.trace_pdu,
                                       trace_packet=self.trace_packet, trace_connect=self.trace_connect)
         await self.server.serve_forever(background=True)
 
