@@ -25,7 +25,8 @@ static const double ELSEWHERE = -1.6;
 /* Least advantage of a proposal over the present mapping, and over the next one; least advantage of
  * a mapping that is worth a remark; an evidence below this is doubtful. */
 static const double BETTER = 5;
-static const double SIGNAL_BETTER = 2;
+static const double SIGNAL_BETTER = 3;
+static const double SIGNAL_BETTER_ELSEWHERE = 5;
 static const double CLEARER = 2;
 static const double REMARKABLE = 0.3;
 static const double DOUBTFUL = -1;
@@ -71,6 +72,18 @@ static const tl_modbus_settings *settings_of(const cure_search *self) {
 
 /* ---- readings ---- */
 
+/* Types that may be mistaken for each other. */
+static const tl_modbus_type NUMBERS[] = {TL_MODBUS_INT16,   TL_MODBUS_UINT16, TL_MODBUS_INT32,  TL_MODBUS_UINT32,
+                                         TL_MODBUS_FLOAT32, TL_MODBUS_INT64,  TL_MODBUS_FLOAT64};
+
+static bool is_number(tl_modbus_type type) {
+    bool found = false;
+    for (size_t i = 0; i < COUNT_OF(NUMBERS); i++) {
+        found = found || NUMBERS[i] == type;
+    }
+    return found;
+}
+
 static void read_once(cure_search *self) {
     const tl_probe_link *link = &self->tried.link;
     memset(self->tried.has_registers, 0, sizeof self->tried.has_registers);
@@ -90,21 +103,35 @@ static void read_once(cure_search *self) {
     free(text);
 }
 
-/* Reads self->tried; values of 64 bits again as int64 if they are no float64. Returns false if that
- * failed. */
-static bool read_mapping(cure_search *self) {
-    bool is_again = false;
-    memset(self->tried.is_int64, 0, sizeof self->tried.is_int64);
-    read_once(self);
-    for (size_t i = 0; i < self->present->config->own_count && self->status == TL_OK; i++) {
-        if (is_of_source(self, i) && self->read.signals[i].last.quality == TL_NOT_A_NUMBER &&
-            !self->tried.has_registers[i]) {
-            self->tried.is_int64[i] = true;
-            is_again = true;
-        }
+/* Changes how the registers of a signal are read that gave none: fewer of them, or as int64 if they
+ * are no float64. Returns false if there is no other way. */
+static bool change_reading(cure_search *self, size_t signal) {
+    const tl_quality quality = self->read.signals[signal].last.quality;
+    const size_t width = tl_probe_modbus_width(&self->tried, signal);
+    if (quality == TL_NO_LINK && width > tl_modbus_registers(self->tried.channels[signal].type)) {
+        self->tried.width[signal] = width / 2;
+        return true;
     }
-    if (is_again) {
+    const bool is_no_float64 = quality == TL_NOT_A_NUMBER && !self->tried.has_registers[signal];
+    const bool changes = is_no_float64 && !self->tried.is_int64[signal];
+    self->tried.is_int64[signal] = self->tried.is_int64[signal] || changes;
+    return changes;
+}
+
+/* Reads self->tried, `width` registers of each value if it has so many and no part of a register
+ * or bit is meant; 0: as the types have. Returns false if that failed. */
+static bool read_mapping(cure_search *self, size_t width) {
+    bool is_again = true;
+    for (size_t i = 0; i < self->present->config->own_count; i++) {
+        self->tried.is_int64[i] = false;
+        self->tried.width[i] = is_of_source(self, i) && is_number(self->tried.channels[i].type) ? width : 0;
+    }
+    while (is_again && tl_interrupt_requested() == NULL) {
         read_once(self);
+        is_again = false;
+        for (size_t i = 0; i < self->present->config->own_count && self->status == TL_OK; i++) {
+            is_again = (is_of_source(self, i) && change_reading(self, i)) || is_again;
+        }
     }
     return self->status == TL_OK && tl_interrupt_requested() == NULL;
 }
@@ -189,21 +216,25 @@ static double evidence_of(const cure_search *self, size_t signal, const tl_modbu
     return tl_probe_evidence(&self->present->config->signals[signal], channel, self->tried.registers[signal], at_start);
 }
 
-/* Decoding of one signal: as configured (the first one), the best one, and the next one. */
+/* Decoding of one signal: as configured (the first one), the best one, and the next one that gives
+ * another value. */
 typedef struct decoding_choice {
     tl_modbus_channel best;
+    double value; /* of `best` */
     double score, next, present;
 } decoding_choice;
 
-static void choose(decoding_choice *self, const tl_modbus_channel *channel, double score) {
+static void choose(decoding_choice *self, const tl_modbus_channel *channel, double value, double score) {
+    const bool is_equal = fabs(value - self->value) <= 1e-9 * fabs(value);
     if (!isfinite(self->present)) {
         self->present = score;
     }
     if (score > self->score) {
-        self->next = self->score;
+        self->next = is_equal ? self->next : self->score;
         self->score = score;
         self->best = *channel;
-    } else {
+        self->value = value;
+    } else if (!is_equal) {
         self->next = fmax(self->next, score);
     }
 }
@@ -216,32 +247,28 @@ static void choose_scale(const cure_search *self, size_t signal, const tl_modbus
         tl_modbus_channel scaled = *channel;
         const double factor = scales[i / 2] * (i % 2 == 0 ? 1 : -1);
         const double more = (i / 2 > 0 ? SIGNAL_COST : 0) + (i % 2 > 0 ? SIGNAL_COST : 0);
+        double value = 0;
         scaled.scale *= factor;
-        choose(choice, &scaled, evidence_of(self, signal, &scaled, at_start) - cost - more);
+        (void)tl_modbus_decode(&scaled, self->tried.registers[signal], &value);
+        choose(choice, &scaled, value, evidence_of(self, signal, &scaled, at_start) - cost - more);
     }
 }
 
 /* Tries each type that the registers can hold. */
 static void choose_type(const cure_search *self, size_t signal, const tl_modbus_channel *channel, bool at_start,
                         decoding_choice *choice) {
-    static const tl_modbus_type types[] = {TL_MODBUS_INT16,   TL_MODBUS_UINT16, TL_MODBUS_INT32,  TL_MODBUS_UINT32,
-                                           TL_MODBUS_FLOAT32, TL_MODBUS_INT64,  TL_MODBUS_FLOAT64};
-    const size_t registers = tl_modbus_registers(channel->type) * (self->tried.is_wide ? 2 : 1);
     const bool is_read = self->tried.has_registers[signal] && self->read.signals[signal].last.quality != TL_NO_LINK;
-    bool is_number = false;
     *choice = (decoding_choice){.score = -HUGE_VAL, .next = -HUGE_VAL, .present = -HUGE_VAL};
-    for (size_t i = 0; i < COUNT_OF(types); i++) {
-        is_number = is_number || channel->type == types[i];
-    }
-    if (!is_read || !is_number) {
-        choose(choice, channel, evidence_of(self, signal, channel, at_start));
+    if (!is_read || !is_number(channel->type)) {
+        choose(choice, channel, 0, evidence_of(self, signal, channel, at_start));
         return;
     }
     choose_scale(self, signal, channel, 0, at_start, choice);
-    for (size_t i = 0; i < COUNT_OF(types); i++) {
+    for (size_t i = 0; i < COUNT_OF(NUMBERS); i++) {
         tl_modbus_channel other = *channel;
-        other.type = types[i];
-        if (types[i] != channel->type && tl_modbus_registers(types[i]) <= registers) {
+        other.type = NUMBERS[i];
+        if (other.type != channel->type &&
+            tl_modbus_registers(other.type) <= tl_probe_modbus_width(&self->tried, signal)) {
             choose_scale(self, signal, &other, SIGNAL_COST, at_start, choice);
         }
     }
@@ -257,7 +284,8 @@ static void offer_choices(cure_search *self, const tl_modbus_channel *channels, 
             decoding_choice choice;
             choose_type(self, i, &channels[i], at_start, &choice);
             const double gain = choice.score - choice.present;
-            const bool is_clear = gain > SIGNAL_BETTER && choice.score - choice.next > CLEARER;
+            const bool is_clear =
+                gain > (at_start ? SIGNAL_BETTER : SIGNAL_BETTER_ELSEWHERE) && choice.score - choice.next > CLEARER;
             offered.is_unclear[i] = gain > REMARKABLE && !is_clear;
             offered.channels[i] = is_clear ? choice.best : channels[i];
             offered.score += is_clear ? choice.score : choice.present;
@@ -341,20 +369,11 @@ static void try_places(cure_search *self) {
         const bool is_noted = i / 6 > 0;
         const double cost = (other_table ? PLACE_COST : 0) + (step != 0 ? PLACE_COST : 0);
         if (i != 0 && (!is_noted || notation > 0) &&
-            set_place(self, from, other_table, step - (is_noted ? notation : 0)) && read_mapping(self)) {
+            set_place(self, from, other_table, step - (is_noted ? notation : 0)) &&
+            read_mapping(self, TL_PROBE_REGISTERS)) {
             offer_orders(self, cost + (is_noted ? WORDS_COST : 0));
         }
     }
-    (void)set_place(self, from, false, 0);
-}
-
-/* Reads and offers the mapping self->tried with more registers of each value. */
-static void try_wide(cure_search *self) {
-    self->tried.is_wide = true;
-    if (self->status == TL_OK && tl_interrupt_requested() == NULL && read_mapping(self)) {
-        offer_orders(self, 0);
-    }
-    self->tried.is_wide = false;
 }
 
 /* ---- connections ---- */
@@ -375,7 +394,7 @@ static bool is_answered(cure_search *self, tl_probe_link link, int unit) {
     }
     self->tried.link = link;
     set_unit(self, unit);
-    return tl_interrupt_requested() == NULL && self->status == TL_OK && read_mapping(self) &&
+    return tl_interrupt_requested() == NULL && self->status == TL_OK && read_mapping(self, 0) &&
            count_missing(self, &self->read) == 0;
 }
 
@@ -542,19 +561,10 @@ static size_t count_doubts(const cure_search *self) {
     return doubts;
 }
 
-static bool has_64_bits(const cure_search *self) {
-    bool has = false;
-    for (size_t i = 0; i < self->present->config->own_count; i++) {
-        has = has || (is_of_source(self, i) && tl_modbus_registers(self->present->channels[i].type) == 4);
-    }
-    return has;
-}
-
 /* Offers the mapping that was read, and the others that the doubts suggest. */
 static void offer_all(cure_search *self) {
     const size_t doubts = count_doubts(self);
-    const bool is_rounded = doubts > 0 && has_64_bits(self);
-    if (is_rounded && !read_mapping(self)) {
+    if (doubts > 0 && !read_mapping(self, TL_PROBE_REGISTERS)) {
         return;
     }
     offer_orders(self, 0);
@@ -562,9 +572,6 @@ static void offer_all(cure_search *self) {
         tl_log(TL_LOG_NOTICE, "%s: no plausible values: other mappings are tried",
                self->present->config->sources[self->source].name);
         try_places(self);
-    }
-    if (doubts > 0) {
-        try_wide(self);
     }
 }
 

@@ -11,9 +11,9 @@ static const double LARGEST = 1e15;
 
 /* A mapping that is right: parts of the values that are near the start, and of faulty sensors;
  * standard deviation from the start, relative to the range. */
-static const double NEAR = 0.9;
+static const double NEAR = 0.96;
 static const double FAULTY = 0.03;
-static const double SPREAD = 0.07;
+static const double SPREAD = 0.05;
 
 /* A mapping that is wrong: density of v·p(v), for 10 orders of magnitude of both signs and a third
  * of zeros. */

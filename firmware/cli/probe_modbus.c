@@ -36,14 +36,19 @@ bool tl_probe_modbus_has(const tl_config *config, size_t signal) {
 
 /* ---- raw registers ---- */
 
+size_t tl_probe_modbus_width(const tl_probe_modbus *self, size_t signal) {
+    return self->width[signal] > 0 ? self->width[signal] : tl_modbus_registers(self->channels[signal].type);
+}
+
 static tl_modbus_type raw_type(const tl_probe_modbus *self, size_t signal) {
-    const tl_modbus_type type = self->channels[signal].type;
-    const bool is_wide = self->is_wide && self->config->signals[signal].source == self->source;
-    switch (tl_modbus_registers(type) * (is_wide ? 2 : 1)) {
+    if (self->channels[signal].type == TL_MODBUS_BIT) {
+        return TL_MODBUS_BIT;
+    }
+    switch (tl_probe_modbus_width(self, signal)) {
     case 1:
-        return type == TL_MODBUS_BIT ? TL_MODBUS_BIT : TL_MODBUS_UINT16;
+        return TL_MODBUS_UINT16;
     case 2:
-        return type == TL_MODBUS_BIT ? TL_MODBUS_BIT : TL_MODBUS_UINT32;
+        return TL_MODBUS_UINT32;
     default:
         return self->is_int64[signal] ? TL_MODBUS_INT64 : TL_MODBUS_FLOAT64;
     }

@@ -40,7 +40,7 @@ typedef struct tl_probe_modbus {
     tl_modbus_channel channels[TL_MAX_SIGNALS];             /* of each signal with Modbus */
     size_t source;                                          /* index of the source whose keys are changed */
     tl_probe_link link;                                     /* its changed keys */
-    bool is_wide;                                           /* it reads twice the registers of each value */
+    size_t width[TL_MAX_SIGNALS];                           /* registers that are read; 0: as the type has */
     bool is_int64[TL_MAX_SIGNALS];                          /* read as int64, not float64, if it has 64 bits */
     bool has_registers[TL_MAX_SIGNALS];                     /* `registers` is valid */
     uint16_t registers[TL_MAX_SIGNALS][TL_PROBE_REGISTERS]; /* as received, of the newest reading; a bit: 0 or 1 */
@@ -52,6 +52,9 @@ void tl_probe_modbus_begin(tl_probe_modbus *self, const tl_config *config);
 /* Returns true if the source, or the source of the signal, is read by Modbus. */
 bool tl_probe_modbus_has_source(const tl_config *config, size_t source);
 bool tl_probe_modbus_has(const tl_config *config, size_t signal);
+
+/* Returns the number of registers that are read for a signal. */
+size_t tl_probe_modbus_width(const tl_probe_modbus *self, size_t signal);
 
 /* Returns the framing of the changed source, as in a configuration. */
 const char *tl_probe_modbus_framing(const tl_probe_modbus *self);

@@ -242,16 +242,20 @@ def addresses_are_valid(config):
     return all(0 <= signal["modbus"]["address"] <= 65532 for signal in config["plant"].values())
 
 
-def requests_are_long(device):
-    """True if a request for all near signals exceeds the limit of the device."""
-    places = sorted((s["modbus"]["address"], width(s["modbus"]["type"])) for s in device.signals.values())
-    return places[-1][0] + places[-1][1] - places[0][0] > device.limit
+def longest_request(config, most):
+    """Registers of the longest request, as the driver joins near values up to the limit `most`."""
+    places = sorted((signal["modbus"]["address"], width(signal["modbus"]["type"])) for signal in config["plant"].values())
+    first, longest = None, 0
+    for address, count in places:
+        first = address if first is None or address + count - first > most else first
+        longest = max(longest, address + count - first)
+    return longest
 
 
 def has_effect(device, config, kinds):
     """True if a person could see the mistake: a signal has no value, or one that differs by 2 % of its range."""
     right = device.config()
-    if not addresses_are_valid(config) or ("limit" in kinds and not requests_are_long(device)):
+    if not addresses_are_valid(config) or ("limit" in kinds and longest_request(config, 125) <= device.limit):
         return False
     if config["sources"] != right["sources"] or "unit" in kinds:
         return True

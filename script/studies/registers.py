@@ -3,6 +3,7 @@ import argparse
 import copy
 import json
 import logging
+import math
 import random
 import re
 import subprocess
@@ -12,7 +13,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from random_device import KINDS, ONE, ONE_SIGNAL, Loop, random_case, width
+from random_device import KINDS, ONE, ONE_SIGNAL, Loop, decode, encode, longest_request, random_case
 from study import PROGRAM, Progress, Trouble, print_figures, run_command
 
 KEY = re.compile(r'"(\w+)": ("\w+"|[-+.e\d]+)( in its source)?')
@@ -31,19 +32,23 @@ def apply(config, cures):
     return cured
 
 
+def reads_alike(one, other):
+    """True if two mappings of a signal give the same for each value between min and max."""
+    places = [[signal["modbus"][key] for key in ("table", "address", "unit_id")] for signal in (one, other)]
+    steps = [one["min"] + (one["max"] - one["min"]) * part / 16 for part in range(17)]
+    words = [encode(one, value) + [0] * 4 for value in steps]
+    return places[0] == places[1] and all(decode(one, word) == decode(other, word) or math.isclose(decode(one, word), decode(other, word), rel_tol=1e-6)
+                                          for word in words)
+
+
 def is_right(device, cured):
-    """True if the configuration reads what the right one reads."""
-    right, cured = device.config(), copy.deepcopy(cured)
-    source, wanted = cured["sources"]["device"]["modbus_tcp"], right["sources"]["device"]["modbus_tcp"]
-    for name, signal in cured["plant"].items():
-        own = right["plant"][name]["modbus"]
-        if width(own["type"]) == 1 and width(signal["modbus"]["type"]) == 1:
-            signal["modbus"]["words"] = own["words"]
-        if abs(signal["modbus"]["scale"] / own["scale"] - 1) < 1e-6:
-            signal["modbus"]["scale"] = own["scale"]
-    keys = "most_registers", "pause_s"
-    return ({key: value for key, value in source.items() if key not in keys} == {key: value for key, value in wanted.items() if key not in keys}
-            and cured["plant"] == right["plant"] and source["most_registers"] <= wanted["most_registers"] and source["pause_s"] >= wanted["pause_s"])
+    """True if the configuration reads what the right one reads. Requests may be as long as the device answers."""
+    right = device.config()
+    sources = [{key: value for key, value in config["sources"]["device"]["modbus_tcp"].items() if key not in ("most_registers", "pause_s")}
+               for config in (cured, right)]
+    source = cured["sources"]["device"]["modbus_tcp"]
+    return (sources[0] == sources[1] and source["pause_s"] >= device.pause and longest_request(cured, source["most_registers"]) <= device.limit
+            and all(reads_alike(right["plant"][name], signal) for name, signal in cured["plant"].items()))
 
 
 def classify(device, config, report):
