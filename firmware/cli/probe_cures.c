@@ -15,21 +15,27 @@
 static const double PASS_S = 1.2;
 
 /* Scores are natural logarithms. Costs: how rare each mistake is. */
-static const double WORDS_COST = 1.5;
+static const double WORDS_COST = 0.8;
 static const double BYTES_COST = 2.5;
 static const double PLACE_COST = 3;
-static const double SIGNAL_COST = 3; /* type, scale or sign of one signal */
+static const double NOTATION_COST = 1.5;
+static const double SIGNAL_COST = 3; /* type or scale of one signal */
+static const double SIGN_COST = 2;
 static const double AT_START = -0.2; /* the plant is at its start; or not */
 static const double ELSEWHERE = -1.6;
 
 /* Least advantage of a proposal over the present mapping, and over the next one; least advantage of
  * a mapping that is worth a remark; an evidence below this is doubtful. */
 static const double BETTER = 5;
-static const double SIGNAL_BETTER = 3;
+static const double SIGNAL_BETTER = 2.5;
 static const double SIGNAL_BETTER_ELSEWHERE = 5;
 static const double CLEARER = 2;
 static const double REMARKABLE = 0.3;
 static const double DOUBTFUL = -1;
+
+/* Evidence of a register that the device does not have, and of NaN. */
+static const double MISSING = -12;
+static const double NOT_A_NUMBER = -4;
 
 /* Tried if nothing answers. */
 static const uint16_t PORTS[] = {502, 1502, 5020, 4001, 8899};
@@ -207,11 +213,8 @@ static void offer(cure_search *self, const candidate *offered) {
 /* Evidence of a signal as it was read, decoded by `channel`. */
 static double evidence_of(const cure_search *self, size_t signal, const tl_modbus_channel *channel, bool at_start) {
     const tl_plant_probe_signal *read = &self->read.signals[signal];
-    if (read->last.quality == TL_NO_LINK) {
-        return TL_PROBE_ABSURD;
-    }
-    if (!self->tried.has_registers[signal]) {
-        return -4; /* NaN */
+    if (read->last.quality == TL_NO_LINK || !self->tried.has_registers[signal]) {
+        return read->last.quality == TL_NO_LINK ? MISSING : NOT_A_NUMBER;
     }
     return tl_probe_evidence(&self->present->config->signals[signal], channel, self->tried.registers[signal], at_start);
 }
@@ -246,7 +249,7 @@ static void choose_scale(const cure_search *self, size_t signal, const tl_modbus
     for (size_t i = 0; i < COUNT_OF(scales) * 2; i++) {
         tl_modbus_channel scaled = *channel;
         const double factor = scales[i / 2] * (i % 2 == 0 ? 1 : -1);
-        const double more = (i / 2 > 0 ? SIGNAL_COST : 0) + (i % 2 > 0 ? SIGNAL_COST : 0);
+        const double more = (i / 2 > 0 ? SIGNAL_COST : 0) + (i % 2 > 0 ? SIGN_COST : 0);
         double value = 0;
         scaled.scale *= factor;
         (void)tl_modbus_decode(&scaled, self->tried.registers[signal], &value);
@@ -286,7 +289,7 @@ static void offer_choices(cure_search *self, const tl_modbus_channel *channels, 
             const double gain = choice.score - choice.present;
             const bool is_clear =
                 gain > (at_start ? SIGNAL_BETTER : SIGNAL_BETTER_ELSEWHERE) && choice.score - choice.next > CLEARER;
-            offered.is_unclear[i] = gain > REMARKABLE && !is_clear;
+            offered.is_unclear[i] = gain > REMARKABLE && !is_clear && choice.present > NOT_A_NUMBER;
             offered.channels[i] = is_clear ? choice.best : channels[i];
             offered.score += is_clear ? choice.score : choice.present;
         }
@@ -294,21 +297,37 @@ static void offer_choices(cure_search *self, const tl_modbus_channel *channels, 
     offer(self, &offered);
 }
 
-/* Offers what was read, in all word and byte orders. */
+/* Sets the same order for all channels. Returns its cost: 0 if it changes nothing. */
+static double set_order(const cure_search *self, bool words_little, bool bytes_little,
+                        tl_modbus_channel channels[TL_MAX_SIGNALS]) {
+    double words_cost = 0;
+    double bytes_cost = 0;
+    for (size_t i = 0; i < self->present->config->own_count; i++) {
+        const tl_modbus_channel *tried = &self->tried.channels[i];
+        channels[i] = *tried;
+        if (is_of_source(self, i) && tl_modbus_registers(tried->type) > 1 && tried->words_little != words_little) {
+            channels[i].words_little = words_little;
+            words_cost = WORDS_COST;
+        }
+        if (is_of_source(self, i) && tried->type != TL_MODBUS_BIT && tried->bytes_little != bytes_little) {
+            channels[i].bytes_little = bytes_little;
+            bytes_cost = BYTES_COST;
+        }
+    }
+    return words_cost + bytes_cost;
+}
+
+/* Offers what was read, as it was, and in all word and byte orders. */
 static void offer_orders(cure_search *self, double cost) {
     tl_modbus_channel channels[TL_MAX_SIGNALS];
+    offer_choices(self, self->tried.channels, cost, true);
+    offer_choices(self, self->tried.channels, cost, false);
     for (unsigned order = 0; order < 4; order++) {
-        const bool words = (order & 1) != 0;
-        const bool bytes = (order & 2) != 0;
-        for (size_t i = 0; i < self->present->config->own_count; i++) {
-            const tl_modbus_channel *tried = &self->tried.channels[i];
-            channels[i] = *tried;
-            channels[i].words_little = tried->words_little != (words && tl_modbus_registers(tried->type) > 1);
-            channels[i].bytes_little = tried->bytes_little != (bytes && tried->type != TL_MODBUS_BIT);
+        const double more = set_order(self, (order & 1) != 0, (order & 2) != 0, channels);
+        if (more > 0) {
+            offer_choices(self, channels, cost + more, true);
+            offer_choices(self, channels, cost + more, false);
         }
-        const double more = (words ? WORDS_COST : 0) + (bytes ? BYTES_COST : 0);
-        offer_choices(self, channels, cost + more, true);
-        offer_choices(self, channels, cost + more, false);
     }
 }
 
@@ -371,7 +390,7 @@ static void try_places(cure_search *self) {
         if (i != 0 && (!is_noted || notation > 0) &&
             set_place(self, from, other_table, step - (is_noted ? notation : 0)) &&
             read_mapping(self, TL_PROBE_REGISTERS)) {
-            offer_orders(self, cost + (is_noted ? WORDS_COST : 0));
+            offer_orders(self, cost + (is_noted ? NOTATION_COST : 0));
         }
     }
 }
@@ -567,7 +586,11 @@ static void offer_all(cure_search *self) {
     if (doubts > 0 && !read_mapping(self, TL_PROBE_REGISTERS)) {
         return;
     }
-    offer_orders(self, 0);
+    if (doubts > 0) {
+        offer_orders(self, 0);
+    } else {
+        offer_choices(self, self->tried.channels, 0, true);
+    }
     if (doubts >= 2) {
         tl_log(TL_LOG_NOTICE, "%s: no plausible values: other mappings are tried",
                self->present->config->sources[self->source].name);

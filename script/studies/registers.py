@@ -17,7 +17,7 @@ from random_device import KINDS, ONE, ONE_SIGNAL, Loop, decode, encode, longest_
 from study import PROGRAM, Progress, Trouble, print_figures, run_command
 
 KEY = re.compile(r'"(\w+)": ("\w+"|[-+.e\d]+)( in its source)?')
-CLASSES = ("right", "cannot be told", "nothing", "false")
+CLASSES = ("right", "half", "cannot be told", "nothing", "false")
 GOALS = {**dict.fromkeys(ONE, 0.95), **dict.fromkeys(ONE_SIGNAL, 0.85)}
 FALSE, LONGEST_S = 0.01, 30
 
@@ -54,7 +54,8 @@ def is_right(device, cured):
 def classify(device, config, report):
     cures = {name: signal["cure"] for name, signal in report["signals"].items()}
     if any(KEY.search(cure or "") for cure in cures.values()):
-        return "right" if is_right(device, apply(config, cures)) else "false"
+        harmless = is_right(device, apply(device.config(), cures))
+        return "right" if is_right(device, apply(config, cures)) else "half" if harmless and config != device.config() else "false"
     return "cannot be told" if any("display" in (cure or "") for cure in cures.values()) else "nothing"
 
 
@@ -98,7 +99,8 @@ def measure(options):
 
 def summary(cases):
     seconds = sorted(case["seconds"] for case in cases)
-    return {"devices": len(cases), **{name: sum(case["class"] == name for case in cases) for name in CLASSES},
+    at_start = [case for case in cases if case["at_start"]]
+    return {"devices": len(cases), "at_start": len(at_start), "right_at_start": sum(case["class"] == "right" for case in at_start), **{name: sum(case["class"] == name for case in cases) for name in CLASSES},
             "median_s": seconds[len(seconds) // 2], "longest_s": seconds[-1]}
 
 
@@ -106,13 +108,14 @@ def is_met(figures):
     """True if each goal is met."""
     rows = figures["kinds"].items()
     return figures["false"] <= FALSE and all(
-        row["right"] >= GOALS.get(kind, 0) * row["devices"] and (kind != "two" or row["longest_s"] <= LONGEST_S) for kind, row in rows)
+        row["right_at_start"] >= GOALS.get(kind, 0) * row["at_start"] and (kind != "two" or row["longest_s"] <= LONGEST_S) for kind, row in rows)
 
 
 def show(figures, failures):
-    print(f"{'mistake':16}{'devices':>8}{'right':>8}{'cannot be told':>16}{'nothing':>9}{'false':>7}{'median s':>10}{'longest s':>11}")
+    print(f"{'mistake':14}{'devices':>8}{'right':>7}{'half':>6}{'cannot be told':>16}{'nothing':>9}{'false':>7}{'at start':>10}{'right':>7}{'median s':>10}{'longest s':>11}")
     for kind, row in figures["kinds"].items():
-        print(f"{kind:16}{row['devices']:8}{row['right']:8}{row['cannot be told']:16}{row['nothing']:9}{row['false']:7}{row['median_s']:10.1f}{row['longest_s']:11.1f}")
+        print(f"{kind:14}{row['devices']:8}{row['right']:7}{row['half']:6}{row['cannot be told']:16}{row['nothing']:9}{row['false']:7}"
+              f"{row['at_start']:10}{row['right_at_start']:7}{row['median_s']:10.1f}{row['longest_s']:11.1f}")
     print(f"false cures: {100 * figures['false']:.2f} % of all devices; seed {figures['seed']}")
     for case in figures["failures"] if failures else ():
         print(f"\n{case['kind']} {case['index']}: {case['class']}, {case['mistakes']}, at start: {case['at_start']}")
