@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "firmware/cli/probe_evidence.h"
 #include "firmware/process/interrupt.h"
 
@@ -32,15 +33,18 @@ static const double SIGNAL_BETTER_ELSEWHERE = 5;
 static const double CLEARER = 2;
 static const double REMARKABLE = 0.3;
 static const double DOUBTFUL = -1;
+static const double BAD = -3;
 
-/* Evidence of a register that the device does not have, and of NaN. */
+/* Evidence of a register that the device does not have. */
 static const double MISSING = -12;
-static const double NOT_A_NUMBER = -4;
+
+/* No other mapping is read after this time. */
+static const double SEARCH_S = 20;
 
 /* Tried if nothing answers. */
 static const uint16_t PORTS[] = {502, 1502, 5020, 4001, 8899};
 static const uint8_t UNITS[] = {1, 2, 3, 10, 247, 255, 0};
-static const double PAUSES_S[] = {0.5, 2};
+static const double PAUSES_S[] = {0.5, 1, 2};
 
 /* Addresses in a manual from which each table counts, if they are written with the table. */
 enum { HOLDING_FIRST = 40001, INPUT_FIRST = 30001 };
@@ -62,6 +66,8 @@ typedef struct cure_search {
     bool is_silent;        /* no signal has an answer */
     tl_probe_modbus tried; /* the mapping that was read last */
     tl_plant_probe read;
+    int unit;    /* that was asked last; -1: as configured */
+    tl_time end; /* no mapping is read after it */
     tl_error *error;
     tl_status status; /* of the readings */
     candidate best;
@@ -77,6 +83,10 @@ static const tl_modbus_settings *settings_of(const cure_search *self) {
 }
 
 /* ---- readings ---- */
+
+static bool is_over(const cure_search *self) {
+    return self->status != TL_OK || tl_interrupt_requested() != NULL || tl_clock_now(NULL) > self->end;
+}
 
 /* Types that may be mistaken for each other. */
 static const tl_modbus_type NUMBERS[] = {TL_MODBUS_INT16,   TL_MODBUS_UINT16, TL_MODBUS_INT32,  TL_MODBUS_UINT32,
@@ -214,7 +224,7 @@ static void offer(cure_search *self, const candidate *offered) {
 static double evidence_of(const cure_search *self, size_t signal, const tl_modbus_channel *channel, bool at_start) {
     const tl_plant_probe_signal *read = &self->read.signals[signal];
     if (read->last.quality == TL_NO_LINK || !self->tried.has_registers[signal]) {
-        return read->last.quality == TL_NO_LINK ? MISSING : NOT_A_NUMBER;
+        return read->last.quality == TL_NO_LINK ? MISSING : TL_PROBE_NO_VALUE;
     }
     return tl_probe_evidence(&self->present->config->signals[signal], channel, self->tried.registers[signal], at_start);
 }
@@ -242,37 +252,34 @@ static void choose(decoding_choice *self, const tl_modbus_channel *channel, doub
     }
 }
 
-/* Tries each scale and sign. */
-static void choose_scale(const cure_search *self, size_t signal, const tl_modbus_channel *channel, double cost,
-                         bool at_start, decoding_choice *choice) {
-    static const double scales[] = {1, 10, 0.1, 100, 0.01, 1000, 0.001};
-    for (size_t i = 0; i < COUNT_OF(scales) * 2; i++) {
-        tl_modbus_channel scaled = *channel;
-        const double factor = scales[i / 2] * (i % 2 == 0 ? 1 : -1);
-        const double more = (i / 2 > 0 ? SIGNAL_COST : 0) + (i % 2 > 0 ? SIGN_COST : 0);
-        double value = 0;
-        scaled.scale *= factor;
-        (void)tl_modbus_decode(&scaled, self->tried.registers[signal], &value);
-        choose(choice, &scaled, value, evidence_of(self, signal, &scaled, at_start) - cost - more);
-    }
+static void choose_changed(const cure_search *self, size_t signal, const tl_modbus_channel *channel, double cost,
+                           bool at_start, decoding_choice *choice) {
+    double value = 0;
+    (void)tl_modbus_decode(channel, self->tried.registers[signal], &value);
+    choose(choice, channel, value, evidence_of(self, signal, channel, at_start) - cost);
 }
 
-/* Tries each type that the registers can hold. */
-static void choose_type(const cure_search *self, size_t signal, const tl_modbus_channel *channel, bool at_start,
-                        decoding_choice *choice) {
-    const bool is_read = self->tried.has_registers[signal] && self->read.signals[signal].last.quality != TL_NO_LINK;
+/* Tries each other scale, the other sign, and each other type that the registers can hold. */
+static void choose_decoding(const cure_search *self, size_t signal, const tl_modbus_channel *channel, bool at_start,
+                            decoding_choice *choice) {
+    static const double factors[] = {10, 0.1, 100, 0.01, 1000, 0.001, -1};
+    const double present = evidence_of(self, signal, channel, at_start);
     *choice = (decoding_choice){.score = -HUGE_VAL, .next = -HUGE_VAL, .present = -HUGE_VAL};
-    if (!is_read || !is_number(channel->type)) {
-        choose(choice, channel, 0, evidence_of(self, signal, channel, at_start));
+    choose_changed(self, signal, channel, 0, at_start, choice);
+    if (!is_number(channel->type) || present <= MISSING || !(fabs(present - TL_PROBE_NO_VALUE) > 0)) {
         return;
     }
-    choose_scale(self, signal, channel, 0, at_start, choice);
+    for (size_t i = 0; i < COUNT_OF(factors); i++) {
+        tl_modbus_channel other = *channel;
+        other.scale *= factors[i];
+        choose_changed(self, signal, &other, factors[i] > 0 ? SIGNAL_COST : SIGN_COST, at_start, choice);
+    }
     for (size_t i = 0; i < COUNT_OF(NUMBERS); i++) {
         tl_modbus_channel other = *channel;
         other.type = NUMBERS[i];
         if (other.type != channel->type &&
             tl_modbus_registers(other.type) <= tl_probe_modbus_width(&self->tried, signal)) {
-            choose_scale(self, signal, &other, SIGNAL_COST, at_start, choice);
+            choose_changed(self, signal, &other, SIGNAL_COST, at_start, choice);
         }
     }
 }
@@ -285,11 +292,12 @@ static void offer_choices(cure_search *self, const tl_modbus_channel *channels, 
     for (size_t i = 0; i < self->present->config->own_count; i++) {
         if (is_of_source(self, i)) {
             decoding_choice choice;
-            choose_type(self, i, &channels[i], at_start, &choice);
+            choose_decoding(self, i, &channels[i], at_start, &choice);
             const double gain = choice.score - choice.present;
             const bool is_clear =
                 gain > (at_start ? SIGNAL_BETTER : SIGNAL_BETTER_ELSEWHERE) && choice.score - choice.next > CLEARER;
-            offered.is_unclear[i] = gain > REMARKABLE && !is_clear && choice.present > NOT_A_NUMBER;
+            offered.is_unclear[i] =
+                !is_clear && (gain > REMARKABLE || (choice.present < BAD && choice.present > MISSING));
             offered.channels[i] = is_clear ? choice.best : channels[i];
             offered.score += is_clear ? choice.score : choice.present;
         }
@@ -382,7 +390,7 @@ static void try_places(cure_search *self) {
     tl_modbus_channel from[TL_MAX_SIGNALS];
     const long notation = notation_of(self);
     memcpy(from, self->tried.channels, sizeof from);
-    for (int i = 0; i < 12 && self->status == TL_OK && tl_interrupt_requested() == NULL; i++) {
+    for (int i = 0; i < 12 && !is_over(self); i++) {
         const bool other_table = i % 2 != 0;
         const long step = (long[]){0, -1, 1}[i / 2 % 3];
         const bool is_noted = i / 6 > 0;
@@ -412,9 +420,9 @@ static bool is_answered(cure_search *self, tl_probe_link link, int unit) {
         return false;
     }
     self->tried.link = link;
+    self->unit = unit;
     set_unit(self, unit);
-    return tl_interrupt_requested() == NULL && self->status == TL_OK && read_mapping(self, 0) &&
-           count_missing(self, &self->read) == 0;
+    return !is_over(self) && read_mapping(self, 0) && count_missing(self, &self->read) == 0;
 }
 
 /* Sets *port to one that accepts a connection. Returns true if the device answers there. */
@@ -433,22 +441,32 @@ static bool find_port(cure_search *self, uint16_t *port) {
     return false;
 }
 
-/* Raises most_registers as far as the device answers; drops what is not needed. Reads the result. */
-static void simplify_link(cure_search *self, int unit) {
+/* Drops most_registers, or raises it as far as the device answers, and reads so. Returns true. */
+static bool raise_limit(cure_search *self, int unit) {
     tl_probe_link link = self->tried.link;
-    tl_probe_link simple = link;
-    simple.most_registers = 0;
-    if (link.most_registers != 0 && is_answered(self, simple, unit)) {
-        return;
+    tl_probe_link longer = link;
+    longer.most_registers = 0;
+    if (is_answered(self, longer, unit)) {
+        return true;
     }
-    for (uint8_t most = 2; link.most_registers != 0 && most <= 64; most = (uint8_t)(most * 2)) {
-        simple.most_registers = most;
-        if (!is_answered(self, simple, unit)) {
+    for (uint8_t most = 2; most <= 64; most = (uint8_t)(most * 2)) {
+        longer.most_registers = most;
+        if (!is_answered(self, longer, unit)) {
             break;
         }
-        link = simple;
+        link = longer;
     }
     (void)is_answered(self, link, unit);
+    return true;
+}
+
+static bool find_unit(cure_search *self, tl_probe_link link) {
+    for (size_t i = 0; i < COUNT_OF(UNITS); i++) {
+        if (is_answered(self, link, UNITS[i])) {
+            return true;
+        }
+    }
+    return false;
 }
 
 /* Finds other keys of the connection with which the device answers, and reads with them. First one
@@ -462,30 +480,31 @@ static bool find_link(cure_search *self) {
     if (self->is_silent && refused && base.port == 0) {
         return false;
     }
-    for (unsigned i = 0; i < 4; i++) {
-        tl_probe_link link = base;
-        link.other_framing = i == 0;
-        link.most_registers = i == 1 ? 1 : 0;
-        link.pause_s = i >= 2 ? PAUSES_S[i - 2] : 0;
-        if (is_answered(self, link, -1)) {
-            simplify_link(self, -1);
+    tl_probe_link framing = base;
+    tl_probe_link single = base;
+    framing.other_framing = true;
+    single.most_registers = 1;
+    if (is_answered(self, framing, -1) || (is_answered(self, single, -1) && raise_limit(self, -1)) ||
+        (self->is_silent && find_unit(self, base))) {
+        return true;
+    }
+    for (size_t i = 0; i < COUNT_OF(PAUSES_S); i++) {
+        tl_probe_link pause = base;
+        pause.pause_s = PAUSES_S[i];
+        if (is_answered(self, pause, -1)) {
             return true;
         }
     }
-    for (unsigned kind = 0; kind < 3 && self->is_silent; kind++) {
-        for (size_t i = 0; i < COUNT_OF(UNITS) + (kind > 0 ? 1 : 0); i++) {
-            tl_probe_link link = base;
-            const int unit = i < COUNT_OF(UNITS) ? UNITS[i] : -1;
-            link.other_framing = kind == 1 || (kind == 2 && unit < 0);
-            link.most_registers = kind > 0 ? 1 : 0;
-            link.pause_s = kind == 2 ? PAUSES_S[0] : 0;
-            if (is_answered(self, link, unit)) {
-                simplify_link(self, unit);
-                return true;
-            }
-        }
+    framing.most_registers = 1;
+    if (is_answered(self, framing, -1) || (self->is_silent && find_unit(self, framing))) {
+        return raise_limit(self, self->unit);
     }
-    return false;
+    single.pause_s = PAUSES_S[0];
+    if (is_answered(self, single, -1) || (self->is_silent && find_unit(self, single))) {
+        return raise_limit(self, self->unit);
+    }
+    framing.pause_s = PAUSES_S[0];
+    return is_answered(self, framing, -1) && raise_limit(self, -1);
 }
 
 /* ---- proposals ---- */
@@ -606,6 +625,7 @@ static void search_source(cure_search *self, char cures[TL_MAX_SIGNALS][TL_PROBE
     self->read = *self->found;
     self->best = (candidate){.score = -HUGE_VAL};
     self->next = -HUGE_VAL;
+    self->end = tl_clock_now(NULL) + tl_time_of_seconds(SEARCH_S);
     for (size_t i = 0; i < config->own_count; i++) {
         answers += is_of_source(self, i) && has_answer(&self->found->signals[i]) ? 1 : 0;
     }

@@ -19,8 +19,7 @@ static const double SPREAD = 0.05;
  * of zeros. */
 static const double WRONG = 0.015;
 
-/* Evidence of NaN, of an absent start value, and of a sensor that is off while others are not. */
-static const double NOT_A_NUMBER = -4;
+/* Evidence of a sensor that is off while others are not. */
 static const double OFF = -2;
 
 static const double PI = 3.14159265358979323846;
@@ -60,6 +59,22 @@ static bool is_absurd(const tl_config_signal *signal, double value) {
     return fabs(value) < (double)FLT_MIN || fabs(value) > (size > 0 ? ABSURD * size : LARGEST);
 }
 
+/* Many devices give the largest or smallest content if they have no value. */
+static bool is_no_value(const tl_modbus_channel *plain, double raw) {
+    const double half = ldexp(1, 16 * (int)tl_modbus_registers(plain->type) - 1);
+    switch (plain->type) {
+    case TL_MODBUS_INT16:
+    case TL_MODBUS_INT32:
+    case TL_MODBUS_INT64:
+        return raw >= half - 1 || raw <= -half;
+    case TL_MODBUS_UINT16:
+    case TL_MODBUS_UINT32:
+        return raw >= 2 * half - 1;
+    default:
+        return false;
+    }
+}
+
 double tl_probe_evidence(const tl_config_signal *signal, const tl_modbus_channel *channel, const uint16_t *registers,
                          bool at_start) {
     tl_modbus_channel plain = *channel;
@@ -67,8 +82,9 @@ double tl_probe_evidence(const tl_config_signal *signal, const tl_modbus_channel
     double value = 0;
     plain.scale = 1;
     plain.offset = 0;
-    if (!tl_modbus_decode(&plain, registers, &raw) || !tl_modbus_decode(channel, registers, &value)) {
-        return NOT_A_NUMBER;
+    if (!tl_modbus_decode(&plain, registers, &raw) || !tl_modbus_decode(channel, registers, &value) ||
+        (is_no_value(&plain, raw) && (value < signal->minimum || value > signal->maximum))) {
+        return TL_PROBE_NO_VALUE;
     }
     if (channel->type == TL_MODBUS_BIT || channel->type == TL_MODBUS_REGISTER_BIT) {
         return value < signal->minimum || value > signal->maximum ? log(FAULTY) : 0;

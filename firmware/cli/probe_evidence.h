@@ -14,8 +14,11 @@
 #include "board/modbus/modbus_map.h"
 #include "firmware/config/config.h"
 
-/* Of a missing register, and of a value that no sensor gives. */
+/* Of a value that no sensor gives. */
 #define TL_PROBE_ABSURD (-6.0)
+
+/* Of NaN, or another content by which a device says that it has no value. */
+#define TL_PROBE_NO_VALUE (-0.5)
 
 /* Returns the evidence of these registers, decoded by `channel`. 0: they prove nothing; at least
  * TL_PROBE_ABSURD. `at_start`: all signals of the plant are near their start values. */

@@ -54,16 +54,15 @@ static tl_modbus_type raw_type(const tl_probe_modbus *self, size_t signal) {
     }
 }
 
-/* The channel of the changed configuration: no scale and no codes; most significant word and byte
- * first, except for int64, whose order decides whether it is exact. */
+/* The channel of the changed configuration: no scale and no codes. */
 static tl_modbus_channel raw_channel(const tl_probe_modbus *self, size_t signal) {
     const tl_modbus_channel *channel = &self->channels[signal];
     return (tl_modbus_channel){.unit_id = channel->unit_id,
                                .table = channel->table,
                                .address = channel->address,
                                .type = raw_type(self, signal),
-                               .words_little = self->is_int64[signal] && channel->words_little,
-                               .bytes_little = self->is_int64[signal] && channel->bytes_little,
+                               .words_little = channel->words_little,
+                               .bytes_little = channel->bytes_little,
                                .scale = 1};
 }
 
