@@ -20,6 +20,7 @@ static const double WORDS_COST = 0.8;
 static const double BYTES_COST = 2.5;
 static const double PLACE_COST = 3;
 static const double NOTATION_COST = 1.5;
+static const double FIXED_COST = 5;  /* of a register that does not move with its value */
 static const double SIGNAL_COST = 3; /* type or scale of one signal */
 static const double SIGN_COST = 2;
 static const double AT_START = -0.2; /* the plant is at its start; or not */
@@ -220,13 +221,27 @@ static void offer(cure_search *self, const candidate *offered) {
     }
 }
 
+/* Returns true if the last register of a value stays the same, and not 0, while others change: it
+ * belongs to another value. Known only of registers that were read for long. */
+static bool is_fixed(const cure_search *self, size_t signal, const tl_modbus_channel *channel) {
+    const tl_modbus_channel *present = &self->present->channels[signal];
+    const size_t count = tl_modbus_registers(channel->type);
+    const size_t last = channel->words_little ? 0 : count - 1;
+    const unsigned moved = self->present->moved[signal];
+    return count > 1 && count == tl_modbus_registers(present->type) && channel->table == present->table &&
+           channel->address == present->address && self->present->has_registers[signal] && moved != 0 &&
+           (moved & 1U << last) == 0 && self->present->registers[signal][last] != 0;
+}
+
 /* Evidence of a signal as it was read, decoded by `channel`. */
 static double evidence_of(const cure_search *self, size_t signal, const tl_modbus_channel *channel, bool at_start) {
     const tl_plant_probe_signal *read = &self->read.signals[signal];
     if (read->last.quality == TL_NO_LINK || !self->tried.has_registers[signal]) {
         return read->last.quality == TL_NO_LINK ? MISSING : TL_PROBE_NO_VALUE;
     }
-    return tl_probe_evidence(&self->present->config->signals[signal], channel, self->tried.registers[signal], at_start);
+    return tl_probe_evidence(&self->present->config->signals[signal], channel, self->tried.registers[signal],
+                             at_start) -
+           (is_fixed(self, signal, channel) ? FIXED_COST : 0);
 }
 
 /* Decoding of one signal: as configured (the first one), the best one, and the next one that gives
@@ -393,10 +408,10 @@ static void try_places(cure_search *self) {
     for (int i = 0; i < 12 && !is_over(self); i++) {
         const bool other_table = i % 2 != 0;
         const long step = (long[]){0, -1, 1}[i / 2 % 3];
-        const bool is_noted = i / 6 > 0;
+        const bool is_noted = notation > 0 && i < 6;
         const double cost = (other_table ? PLACE_COST : 0) + (step != 0 ? PLACE_COST : 0);
-        if (i != 0 && (!is_noted || notation > 0) &&
-            set_place(self, from, other_table, step - (is_noted ? notation : 0)) &&
+        const bool is_new = is_noted || (i % 6 != 0 && (notation > 0 || i < 6));
+        if (is_new && set_place(self, from, other_table, step - (is_noted ? notation : 0)) &&
             read_mapping(self, TL_PROBE_REGISTERS)) {
             offer_orders(self, cost + (is_noted ? NOTATION_COST : 0));
         }
@@ -593,6 +608,7 @@ static size_t count_doubts(const cure_search *self) {
             const bool has_start = self->present->config->signals[i].plan.has_initial;
             doubts += evidence <= TL_PROBE_ABSURD ? 2 : 0;
             doubts += !is_off && evidence < DOUBTFUL ? 1 : 0;
+            doubts += has_start && !(fabs(evidence - TL_PROBE_NO_VALUE) > 0) ? 1 : 0;
             doubts += has_start && evidence_of(self, i, channel, true) < DOUBTFUL ? 1 : 0;
         }
     }

@@ -59,9 +59,12 @@ static bool is_absurd(const tl_config_signal *signal, double value) {
     return fabs(value) < (double)FLT_MIN || fabs(value) > (size > 0 ? ABSURD * size : LARGEST);
 }
 
-/* Many devices give the largest or smallest content if they have no value. */
-static bool is_no_value(const tl_modbus_channel *plain, double raw) {
-    const double half = ldexp(1, 16 * (int)tl_modbus_registers(plain->type) - 1);
+/* Many devices give the largest or smallest content if they have no value, or a NaN whose last
+ * register is 0 or FFFF. */
+static bool is_no_value(const tl_modbus_channel *plain, const uint16_t *registers, double raw, bool is_number) {
+    const size_t count = tl_modbus_registers(plain->type);
+    const double half = ldexp(1, 16 * (int)count - 1);
+    const uint16_t last = registers[plain->words_little ? 0 : count - 1];
     switch (plain->type) {
     case TL_MODBUS_INT16:
     case TL_MODBUS_INT32:
@@ -71,7 +74,7 @@ static bool is_no_value(const tl_modbus_channel *plain, double raw) {
     case TL_MODBUS_UINT32:
         return raw >= 2 * half - 1;
     default:
-        return false;
+        return !is_number && (last == 0 || last == UINT16_MAX);
     }
 }
 
@@ -82,9 +85,12 @@ double tl_probe_evidence(const tl_config_signal *signal, const tl_modbus_channel
     double value = 0;
     plain.scale = 1;
     plain.offset = 0;
-    if (!tl_modbus_decode(&plain, registers, &raw) || !tl_modbus_decode(channel, registers, &value) ||
-        (is_no_value(&plain, raw) && (value < signal->minimum || value > signal->maximum))) {
+    const bool is_number = tl_modbus_decode(&plain, registers, &raw) && tl_modbus_decode(channel, registers, &value);
+    if (is_no_value(&plain, registers, raw, is_number)) {
         return TL_PROBE_NO_VALUE;
+    }
+    if (!is_number) {
+        return channel->code_count > 0 ? TL_PROBE_NO_VALUE : TL_PROBE_ABSURD;
     }
     if (channel->type == TL_MODBUS_BIT || channel->type == TL_MODBUS_REGISTER_BIT) {
         return value < signal->minimum || value > signal->maximum ? log(FAULTY) : 0;

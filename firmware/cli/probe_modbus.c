@@ -125,7 +125,13 @@ void tl_probe_modbus_convert(void *context, size_t signal, tl_reading *reading) 
         return;
     }
     const tl_modbus_channel raw = raw_channel(self, signal);
-    tl_modbus_encode(&raw, reading->value, self->registers[signal]);
+    uint16_t registers[TL_PROBE_REGISTERS] = {0};
+    tl_modbus_encode(&raw, reading->value, registers);
+    for (size_t i = 0; i < TL_PROBE_REGISTERS; i++) {
+        const bool moves = self->has_registers[signal] && registers[i] != self->registers[signal][i];
+        self->moved[signal] |= moves ? 1U << i : 0;
+        self->registers[signal][i] = registers[i];
+    }
     self->has_registers[signal] = true;
     if (!tl_modbus_decode(&self->channels[signal], self->registers[signal], &reading->value)) {
         reading->quality = TL_NOT_A_NUMBER;

@@ -42,6 +42,7 @@ typedef struct tl_probe_modbus {
     tl_probe_link link;                                     /* its changed keys */
     size_t width[TL_MAX_SIGNALS];                           /* registers that are read; 0: as the type has */
     bool is_int64[TL_MAX_SIGNALS];                          /* read as int64, not float64, if it has 64 bits */
+    unsigned moved[TL_MAX_SIGNALS];                         /* bit k: register k has changed while it was read */
     bool has_registers[TL_MAX_SIGNALS];                     /* `registers` is valid */
     uint16_t registers[TL_MAX_SIGNALS][TL_PROBE_REGISTERS]; /* as received, of the newest reading; a bit: 0 or 1 */
 } tl_probe_modbus;

@@ -47,6 +47,12 @@ def encode(signal, value):
     return swapped(list(words), modbus["words"] == "little", modbus["bytes"] == "little")
 
 
+def no_value(modbus):
+    """Registers of NaN, or of the largest signed integer."""
+    words = [0x7FFF] + [0xFFFF] * (width(modbus["type"]) - 1)
+    return swapped(words, modbus["words"] == "little", modbus["bytes"] == "little")
+
+
 def decode(signal, words):
     modbus = signal["modbus"]
     words = swapped(list(words[:width(modbus["type"])]), modbus["words"] == "little", modbus["bytes"] == "little")
@@ -116,7 +122,7 @@ class Device:
             moved = self.values[name]
             if math.isfinite(moved):
                 moved += random.gauss(0, MOTION * (signal["max"] - signal["min"]) / 3)
-            words = encode(signal, moved) if math.isfinite(moved) else [0x7FFF] + [0xFFFF] * (width(signal["modbus"]["type"]) - 1)
+            words = encode(signal, moved) if math.isfinite(moved) else no_value(signal["modbus"])
             memory.update(enumerate(words, signal["modbus"]["address"]))
         words = [memory.get(address) for address in range(first, first + count)]
         return None if None in words else words
@@ -253,7 +259,8 @@ def longest_request(config, most):
 
 
 def has_effect(device, config, kinds):
-    """True if a person could see the mistake: a signal has no value, or one that differs by 2 % of its range."""
+    """True if the mistake can be seen: a signal has no value, or one that differs by 10 % of its range. (The start is not known
+    better.)"""
     right = device.config()
     if not addresses_are_valid(config) or ("limit" in kinds and longest_request(config, 125) <= device.limit):
         return False
@@ -263,7 +270,7 @@ def has_effect(device, config, kinds):
         table = {"holding": 3, "input": 4}[signal["modbus"]["table"]]
         words = device.read(table, signal["modbus"]["address"], width(signal["modbus"]["type"]))
         found = decode(signal, words) if words else math.nan
-        if not abs(found - device.values[name]) < 0.02 * (signal["max"] - signal["min"]) + 0.02 * abs(found):
+        if not abs(found - device.values[name]) < 0.1 * (signal["max"] - signal["min"]):
             return True
     return False
 
