@@ -29,7 +29,7 @@ static const double ELSEWHERE = -1.6;
 /* Least advantage of a proposal over the present mapping, and over the next one; least advantage of
  * a mapping that is worth a remark; an evidence below this is doubtful. */
 static const double BETTER = 5;
-static const double SIGNAL_BETTER = 2.5;
+static const double SIGNAL_BETTER = 3.5;
 static const double SIGNAL_BETTER_ELSEWHERE = 5;
 static const double CLEARER = 2;
 static const double REMARKABLE = 0.3;
@@ -120,12 +120,19 @@ static void read_once(cure_search *self) {
     free(text);
 }
 
+/* The driver calls a missing register illegal; other problems concern the connection. */
+static bool is_illegal(const tl_plant_probe_signal *signal) {
+    return signal->last.quality == TL_NO_LINK && strstr(signal->cause, "Illegal") != NULL;
+}
+
 /* Changes how the registers of a signal are read that gave none: fewer of them, or as int64 if they
  * are no float64. Returns false if there is no other way. */
 static bool change_reading(cure_search *self, size_t signal) {
     const tl_quality quality = self->read.signals[signal].last.quality;
     const size_t width = tl_probe_modbus_width(&self->tried, signal);
-    if (quality == TL_NO_LINK && width > tl_modbus_registers(self->tried.channels[signal].type)) {
+    const bool is_wider = width > tl_modbus_registers(self->tried.channels[signal].type);
+    if (quality == TL_NO_LINK && self->tried.width[signal] > 1 &&
+        (is_wider || is_illegal(&self->read.signals[signal]))) {
         self->tried.width[signal] = width / 2;
         return true;
     }
@@ -151,11 +158,6 @@ static bool read_mapping(cure_search *self, size_t width) {
         }
     }
     return self->status == TL_OK && tl_interrupt_requested() == NULL;
-}
-
-/* The driver calls a missing register illegal; other problems concern the connection. */
-static bool is_illegal(const tl_plant_probe_signal *signal) {
-    return signal->last.quality == TL_NO_LINK && strstr(signal->cause, "Illegal") != NULL;
 }
 
 /* Returns true if the device has a value or refuses the request; false also if a gateway answers
@@ -236,6 +238,9 @@ static bool is_fixed(const cure_search *self, size_t signal, const tl_modbus_cha
 /* Evidence of a signal as it was read, decoded by `channel`. */
 static double evidence_of(const cure_search *self, size_t signal, const tl_modbus_channel *channel, bool at_start) {
     const tl_plant_probe_signal *read = &self->read.signals[signal];
+    if (tl_modbus_registers(channel->type) > tl_probe_modbus_width(&self->tried, signal)) {
+        return MISSING;
+    }
     if (read->last.quality == TL_NO_LINK || !self->tried.has_registers[signal]) {
         return read->last.quality == TL_NO_LINK ? MISSING : TL_PROBE_NO_VALUE;
     }
@@ -281,7 +286,7 @@ static void choose_decoding(const cure_search *self, size_t signal, const tl_mod
     const double present = evidence_of(self, signal, channel, at_start);
     *choice = (decoding_choice){.score = -HUGE_VAL, .next = -HUGE_VAL, .present = -HUGE_VAL};
     choose_changed(self, signal, channel, 0, at_start, choice);
-    if (!is_number(channel->type) || present <= MISSING || !(fabs(present - TL_PROBE_NO_VALUE) > 0)) {
+    if (!is_number(channel->type) || !self->tried.has_registers[signal] || !(fabs(present - TL_PROBE_NO_VALUE) > 0)) {
         return;
     }
     for (size_t i = 0; i < COUNT_OF(factors); i++) {
@@ -609,7 +614,7 @@ static size_t count_doubts(const cure_search *self) {
             doubts += evidence <= TL_PROBE_ABSURD ? 2 : 0;
             doubts += !is_off && evidence < DOUBTFUL ? 1 : 0;
             doubts += has_start && !(fabs(evidence - TL_PROBE_NO_VALUE) > 0) ? 1 : 0;
-            doubts += has_start && evidence_of(self, i, channel, true) < DOUBTFUL ? 1 : 0;
+            doubts += has_start && evidence_of(self, i, channel, true) < DOUBTFUL ? 2 : 0;
         }
     }
     return doubts;

@@ -289,7 +289,7 @@ def random_case(choice, host, kind, signals):
         if kind == "faulty sensor":
             name = choice.choice(list(device.signals))
             signal = device.signals[name]
-            device.values[name] = choice.choice((math.nan, 0, signal["max"] * 1.3, -1e4, signal["max"] * 10))
+            device.values[name] = choice.choice((math.nan, 0, signal["max"] * 1.3, -1e4))
             return device, config, kinds
         if not kinds or all(has_effect(device, config, (one,)) for one in kinds):
             return device, config, kinds
