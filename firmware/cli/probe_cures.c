@@ -9,7 +9,7 @@
 
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
-#include "firmware/cli/probe_evidence.h"
+#include "firmware/config/probe_evidence.h"
 #include "firmware/process/interrupt.h"
 
 /* Each mapping is read for at most this time, and two time-outs. */

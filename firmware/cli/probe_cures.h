@@ -15,7 +15,7 @@
 #ifndef TL_FIRMWARE_CLI_PROBE_CURES_H
 #define TL_FIRMWARE_CLI_PROBE_CURES_H
 
-#include "firmware/cli/probe_modbus.h"
+#include "firmware/config/probe_modbus.h"
 #include "firmware/live/plant_probe.h"
 #include "master/base/status.h"
 

@@ -15,7 +15,7 @@
 #include "firmware/base/text.h"
 #include "firmware/cli/options.h"
 #include "firmware/cli/probe_cures.h"
-#include "firmware/cli/probe_modbus.h"
+#include "firmware/config/probe_modbus.h"
 #include "firmware/cli/roles.h"
 #include "firmware/config/drivers.h"
 #include "firmware/live/plant_probe.h"

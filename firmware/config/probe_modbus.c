@@ -1,5 +1,5 @@
 /* Modbus in a probe: see probe_modbus.h. */
-#include "firmware/cli/probe_modbus.h"
+#include "firmware/config/probe_modbus.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -5,13 +5,13 @@
  *          register content, each order of magnitude as likely as another.
  * Thread:  any; pure.
  */
-#ifndef TL_FIRMWARE_CLI_PROBE_EVIDENCE_H
-#define TL_FIRMWARE_CLI_PROBE_EVIDENCE_H
+#ifndef TL_FIRMWARE_CONFIG_PROBE_EVIDENCE_H
+#define TL_FIRMWARE_CONFIG_PROBE_EVIDENCE_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "board/modbus/modbus_map.h"
+#include "board/modbus/modbus.h"
 #include "firmware/config/config.h"
 
 /* Of a value that no sensor gives. */

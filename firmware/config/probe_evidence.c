@@ -1,5 +1,5 @@
 /* Evidence of a value for its mapping: see probe_evidence.h. */
-#include "firmware/cli/probe_evidence.h"
+#include "firmware/config/probe_evidence.h"
 
 #include <float.h>
 #include <math.h>

@@ -7,8 +7,8 @@
  *          exact but for NaN, or as int64, which is exact up to 2^53.
  * Thread:  one thread.
  */
-#ifndef TL_FIRMWARE_CLI_PROBE_MODBUS_H
-#define TL_FIRMWARE_CLI_PROBE_MODBUS_H
+#ifndef TL_FIRMWARE_CONFIG_PROBE_MODBUS_H
+#define TL_FIRMWARE_CONFIG_PROBE_MODBUS_H
 
 #include <stdbool.h>
 #include <stddef.h>
