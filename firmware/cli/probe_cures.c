@@ -26,13 +26,15 @@ static const double SIGN_COST = 2;
 static const double AT_START = -0.2; /* the plant is at its start; or not */
 static const double ELSEWHERE = -1.6;
 
-/* Least advantage of a proposal over the present mapping, and over the next one; least advantage of
- * a mapping that is worth a remark; an evidence below this is doubtful. */
+/* Least advantage of a proposal over the present mapping; of another type, scale or sign of one
+ * signal; over the next mapping; and of one that is worth a remark. */
 static const double BETTER = 5;
 static const double SIGNAL_BETTER = 3.5;
 static const double SIGNAL_BETTER_ELSEWHERE = 5;
 static const double CLEARER = 2;
 static const double REMARKABLE = 0.3;
+
+/* An evidence below these is doubtful, or bad: then its signal gets a remark at least. */
 static const double DOUBTFUL = -1;
 static const double BAD = -3;
 
