@@ -560,7 +560,7 @@ static void describe_signal(const cure_search *self, size_t signal, char text[TL
     const tl_modbus_channel *present = &self->present->channels[signal];
     const tl_modbus_channel *wanted = &self->best.channels[signal];
     if (wanted->unit_id != present->unit_id) {
-        add_key(text, " \"unit_id\": %u", (unsigned)wanted->unit_id);
+        add_key(text, " \"unit_id\": %u instead of %u", (unsigned)wanted->unit_id, (unsigned)present->unit_id);
     }
     if (wanted->table != present->table) {
         add_key(text, " \"table\": \"%s\"", tl_probe_modbus_tables[wanted->table]);

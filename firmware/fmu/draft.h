@@ -13,8 +13,8 @@
  * Owner:   the caller owns models and texts, which must outlive the draft, and frees the text.
  * Thread:  one.
  */
-#ifndef TL_FIRMWARE_CLI_DRAFT_H
-#define TL_FIRMWARE_CLI_DRAFT_H
+#ifndef TL_FIRMWARE_FMU_DRAFT_H
+#define TL_FIRMWARE_FMU_DRAFT_H
 
 #include <stdbool.h>
 #include <stddef.h>

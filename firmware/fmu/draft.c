@@ -1,5 +1,5 @@
 /* Draft of a configuration: see draft.h. */
-#include "firmware/cli/draft.h"
+#include "firmware/fmu/draft.h"
 
 #include <math.h>
 #include <stdarg.h>
