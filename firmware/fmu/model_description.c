@@ -1150,10 +1150,11 @@ tl_status tl_model_description_read(const char *path, const char *label, tl_aren
     tl_status status = TL_OK;
     int file = open(path, O_RDONLY | O_CLOEXEC);
     if (file < 0) {
-        return errno == ENOENT ? tl_fail(error, TL_BAD_DATA,
-                                         "%s: there is no modelDescription.xml in it: this is not an FMU; export it again", label)
-                               : tl_fail(error, TL_TRY_AGAIN, "%s: modelDescription.xml cannot be opened: %s", label,
-                                         strerror(errno));
+        return errno == ENOENT
+                   ? tl_fail(error, TL_BAD_DATA,
+                             "%s: there is no modelDescription.xml in it: this is not an FMU; export it again", label)
+                   : tl_fail(error, TL_TRY_AGAIN, "%s: modelDescription.xml cannot be opened: %s", label,
+                             strerror(errno));
     }
     if (fstat(file, &facts) != 0 || !S_ISREG(facts.st_mode)) {
         status = tl_fail(error, TL_BAD_DATA, "%s: modelDescription.xml is not a file: this is not an FMU", label);
