@@ -384,7 +384,7 @@ class Trial:
             database.unlink()
             if not summary["steps"] or not summary["lock"]["percent"]:
                 return {"values": None, "why": "never in lock"}
-            if released is None:
+            if released is None or locked is None:
                 return {"values": None, "why": f"too few released steps: {summary['released']['state']}"}
             rows.append((released, locked, summary["executions"]["total"] / summary["steps"], quiet,
                          most * summary["wall_s"] / max(1, summary["evaluations"])))
@@ -645,13 +645,14 @@ def find_recordings(options, document):
 
 
 def content_of(path):
-    """The bytes of a file, or of all files of a folder, as the recording is read."""
-    return b"".join(file.read_bytes() for file in sorted(path.iterdir()) if file.is_file()) if path.is_dir() else path.read_bytes()
+    """The bytes of a file, or of all files of a folder that belong to the recording."""
+    files = sorted(file for file in path.iterdir() if file.is_file() and file.name[0] != ".") if path.is_dir() else [path]
+    return b"".join(file.read_bytes() for file in files)
 
 
 def key_of(options, document, recordings):
     """What a search depends on: two with the same key have the same candidates, if check's proposal is the same."""
-    contents = [document, sorted(options.variables), sorted(options.also), options.seed,
+    contents = ["2", document, sorted(options.variables), sorted(options.also), options.seed,
                 [hashlib.sha256(content_of(Path(path))).hexdigest() for _, path in recordings]]
     return hashlib.sha256(json.dumps(contents, sort_keys=True).encode()).hexdigest()
 

@@ -17,11 +17,12 @@ struct tl_csv_reader {
     char **paths; /* of the files, of which `path_next` were opened */
     size_t path_count, path_next;
     tl_csv_file *file;
-    bool at_end;    /* of the bytes of this file */
-    bool any;       /* there was a row */
-    bool any_here;  /* there was a row of this file */
-    tl_time time;   /* of the last row that was read */
-    int64_t merged; /* rows with the time of the row before */
+    bool at_end;        /* of the bytes of this file */
+    bool any;           /* there was a row */
+    bool any_here;      /* there was a row of this file */
+    tl_csv_clock clock; /* of the first file */
+    tl_time time;       /* of the last row that was read */
+    int64_t merged;     /* rows with the time of the row before */
     /* the result of reading the row after the returned one */
     bool has_next;
     tl_csv_row next;
@@ -140,7 +141,21 @@ static tl_status check_order(const tl_csv_reader *reader, tl_time time, tl_error
     return tl_fail(error, TL_BAD_DATA, "%s, line %lld: the time %.9f s is before %.9f s in the row before: %s",
                    reader->table.path, (long long)reader->lines.number, tl_seconds(time), tl_seconds(reader->time),
                    is_local ? "export UTC or local times with +01:00, or correct the row"
-                            : "remove the row, or correct its time");
+                            : "sort the rows, or correct the time");
+}
+
+/* The times of all files have one form. */
+static tl_status check_form(tl_csv_reader *reader, tl_error *error) {
+    const tl_csv_clock *clock = &reader->table.clock;
+    if (!reader->any) {
+        reader->clock = *clock;
+    }
+    return reader->clock.form == clock->form && reader->clock.per_second == clock->per_second
+               ? TL_OK
+               : tl_fail(error, TL_BAD_DATA,
+                         "%s: its times have another form or unit than those of the files before: replay it alone, or "
+                         "export all files alike",
+                         reader->table.path);
 }
 
 static tl_status read_row(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_error *error) {
@@ -163,7 +178,8 @@ static tl_status read_row(tl_csv_reader *reader, tl_csv_row *row, bool *end, tl_
             return status;
         }
     }
-    const tl_status status = check_order(reader, row->time, error);
+    const tl_status form = reader->any_here ? TL_OK : check_form(reader, error);
+    const tl_status status = form == TL_OK ? check_order(reader, row->time, error) : form;
     reader->any = true;
     reader->any_here = true;
     reader->time = row->time;

@@ -15,8 +15,9 @@
 
 #include "board/csv/csv_table.h"
 
-/* Bytes that are read at once. Two of them, a unit of UTF-16, become at most three of UTF-8. */
-enum { CHUNK = 16 * 1024, LONGEST = 3 * CHUNK / 2 };
+/* Bytes that are read at once. Two of them, a unit of UTF-16, become at most three of UTF-8; four,
+ * if they complete a pair that began in the bytes before. */
+enum { CHUNK = 16 * 1024, LONGEST = 3 * CHUNK / 2 + 1 };
 
 typedef enum encoding { UNKNOWN, BYTES, UTF_16_LITTLE, UTF_16_BIG } encoding;
 
@@ -40,7 +41,8 @@ static void put_point(tl_csv_file *file, uint32_t point) {
     }
 }
 
-/* Joins the halves of a pair; a second half alone becomes a question mark, a first half nothing. */
+/* Joins the halves of a pair. An unpaired second half becomes '?', an unpaired first half is
+ * dropped. */
 static void decode(tl_csv_file *file, const unsigned char *raw, size_t size) {
     for (size_t i = 0; i + 1 < size; i += 2) {
         const size_t low = file->encoding == UTF_16_BIG ? 1 : 0;

@@ -223,7 +223,8 @@ static tl_status missing(const tl_csv_table *table, const char *column, int64_t 
         (void)snprintf(existing + used, sizeof existing - used, "%s%s", i > 0 ? ", " : "", cells[i]);
         used = strlen(existing);
     }
-    const bool is_header = strspn(cells[0], "0123456789.,+-eE") != strlen(cells[0]);
+    const bool is_header =
+        strspn(cells[0], "0123456789") == 0 || strspn(cells[0], "0123456789.,+-eE") != strlen(cells[0]);
     return tl_fail(error, TL_BAD_DATA, "%.100s, line %lld: the column \"%.64s\" is missing, the file has: %s: %s",
                    table->path, (long long)number, column, existing,
                    !is_header                     ? "add a header with names"

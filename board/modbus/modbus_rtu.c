@@ -110,9 +110,9 @@ static bool rtu_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
     if (failure != 0) {
         const char *why = failure == EBUSY    ? ": another program uses it"
                           : failure == ENOTTY ? ": this is not a serial line"
-                          : failure == EACCES ? ": add this user to the group dialout"
-                                              : "";
-        (void)snprintf(cause, cause_size, "cannot be opened: %s%s: check device", strerror(failure), why);
+                          : failure == EACCES ? ": add the user to the device's group, usually dialout"
+                                              : ": check device";
+        (void)snprintf(cause, cause_size, "cannot be opened: %s%s", strerror(failure), why);
         rtu_close(link);
         return false;
     }

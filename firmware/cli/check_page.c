@@ -259,8 +259,11 @@ static void print_starts(const tl_assembly *assembly, FILE *output) {
         }
     }
     for (size_t i = 0; i < config->find_count; i++) {
-        (void)fprintf(output, "  %s: found in the first %.15g s; then one tick\n    executes them up to %zu times\n",
-                      config->find[i].variable, tl_seconds(config->step * config->find_steps),
+        (void)fprintf(output, "  %s: found in the first %.15g s\n", config->find[i].variable,
+                      tl_seconds(config->step * config->find_steps));
+    }
+    if (config->find_count != 0) {
+        (void)fprintf(output, "    then one tick executes these steps up to %zu times\n",
                       TL_FIND_RUNS(config->find_count));
     }
 }

@@ -217,8 +217,7 @@ static tl_status read_columns(initialisation *self) {
     const char *path = self->options->recording;
     struct stat found;
     if (stat(path, &found) == 0 && !S_ISREG(found.st_mode) && !S_ISDIR(found.st_mode)) {
-        return tl_fail(&self->error, TL_BAD_DATA, "%s: this is no regular file (expected a CSV file or a folder)",
-                       path);
+        return tl_fail(&self->error, TL_BAD_DATA, "%s: not a regular file (expected a CSV file or a folder)", path);
     }
     tl_status status = tl_csv_columns_read(path, &self->columns, &self->error);
     if (status != TL_OK) {
@@ -501,10 +500,15 @@ static tl_status finish(initialisation *self, double *locked) {
 static tl_status try_others(initialisation *self, double locked) {
     static const double enough = 1.0; /* tolerances */
     static const double clearly = 0.9;
+    enum { OTHERS = 4 }; /* each takes as long as `check --recording` */
     tl_draft *draft = &self->draft;
     tl_status status = TL_OK;
     size_t next = SIZE_MAX;
-    while (locked > enough && !is_final(status) && (next = tl_draft_find_next(draft)) != SIZE_MAX) {
+    for (size_t tried = 0; tried < OTHERS && locked > enough && !is_final(status); tried++) {
+        next = tl_draft_find_next(draft);
+        if (next == SIZE_MAX) {
+            break;
+        }
         cJSON *before = self->final;
         size_t replaced = tl_draft_replace(draft, next);
         double other = HUGE_VAL;
@@ -519,6 +523,12 @@ static tl_status try_others(initialisation *self, double locked) {
             self->final = before;
         }
         self->is_failed = false; /* the first one, and those that are kept, have passed the check */
+    }
+    if (locked > enough && isfinite(locked)) {
+        tl_log(TL_LOG_WARNING,
+               "no variable keeps the twin at the recording (error %.3g tolerances): check sign, scale and unit of the "
+               "signals, then the model",
+               locked);
     }
     return is_final(status) ? status : TL_OK;
 }
@@ -554,7 +564,7 @@ static void print_candidate(const tl_draft *draft, const tl_draft_candidate *can
         (void)snprintf(text, sizeof text, "%s%s by %g moves %s by %.3g%s%s, half of it in %.3g s%s",
                        candidate->is_chosen ? "adjusted: " : "", path, candidate->step, matched, candidate->most,
                        unit[0] != '\0' ? " " : "", unit, candidate->half_s,
-                       candidate->is_left_out ? "; does not keep the twin at the recording" : "");
+                       candidate->is_left_out ? "; another one is closer to the recording" : "");
     } else {
         (void)snprintf(text, sizeof text, "%s by %g %s", path, candidate->step,
                        candidate->is_tried ? "moves no matched output" : "was not tried");

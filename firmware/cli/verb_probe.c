@@ -143,7 +143,10 @@ static void describe_verdict(const probe_job *job, size_t index, char text[VERDI
 static void describe_registers(const probe_job *job, size_t index, char text[REGISTERS]) {
     const tl_modbus_channel *channel = &job->modbus.channels[index];
     text[0] = '\0';
-    if (!job->modbus.has_registers[index] || channel->type == TL_MODBUS_BIT ||
+    const double raw = (job->found.signals[index].last.value - channel->offset) / channel->scale;
+    const bool is_wide = channel->type == TL_MODBUS_INT64 || channel->type == TL_MODBUS_UINT64;
+    const bool is_exact = !is_wide || fabs(raw) <= 9007199254740992.0; /* 2^53: a double has 53 bits */
+    if (!job->modbus.has_registers[index] || channel->type == TL_MODBUS_BIT || !is_exact ||
         job->found.signals[index].last.quality == TL_NO_LINK) {
         return;
     }

@@ -250,7 +250,7 @@ static void read_variable(const tl_config_object *map, const cJSON *item, size_t
 
 static void read_find(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
     static const tl_config_number any = {
-        .need = TL_CONFIG_REQUIRED, .minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0"};
+        .need = TL_CONFIG_REQUIRED, .minimum = -1e100, .maximum = 1e100, .example = "0"};
     const tl_config *config = context;
     tl_plan_find *find = &config->find[index];
     tl_config_object entry;

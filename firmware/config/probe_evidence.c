@@ -40,7 +40,8 @@ static double evidence_of_value(const tl_config_signal *signal, double value, bo
         return is_inside ? 0 : log(FAULTY);
     }
     const double near = has_start && at_start ? NEAR : 0;
-    const double uniform = (is_inside ? 1 - FAULTY - near : 0) / range;
+    const double inside = (is_inside ? 1 - FAULTY - near : 0) / range;
+    const double uniform = is_limited ? inside : fmin(inside, wrong); /* an open range proves nothing */
     return log((near > 0 ? near * density_at_start(signal, range, value) : 0) + uniform + FAULTY * wrong) - log(wrong);
 }
 
@@ -55,7 +56,8 @@ static double evidence_of_zero(const tl_config_signal *signal, bool at_start) {
 static bool is_absurd(const tl_config_signal *signal, double value) {
     const double low = isfinite(signal->minimum) ? fabs(signal->minimum) : 0;
     const double high = isfinite(signal->maximum) ? fabs(signal->maximum) : 0;
-    const double size = fmax(low, high);
+    const bool is_limited = isfinite(signal->minimum) && isfinite(signal->maximum);
+    const double size = is_limited ? fmax(low, high) : 0;
     return fabs(value) < (double)FLT_MIN || fabs(value) > (size > 0 ? ABSURD * size : LARGEST);
 }
 

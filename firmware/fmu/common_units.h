@@ -10,9 +10,9 @@
 #include "master/fmi/model.h"
 #include "master/fmi/units.h"
 
-/* Computes the conversion between two units that tl_units_convert() does not convert, because a
- * definition is missing: it is that of a table of common units, in which an angle is in rad, also
- * per minute. Returns false if one of them is in neither, or if their dimensions differ. */
+/* Computes the conversion between two units that tl_units_convert() does not convert. A missing
+ * definition is taken from a table of common units, in which an angle is in rad, also per minute.
+ * Returns false if a unit is not known, or if the dimensions differ. */
 bool tl_common_units_convert(const tl_unit *from, const tl_unit *to, tl_conversion *conversion);
 
 #endif

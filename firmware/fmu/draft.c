@@ -546,8 +546,8 @@ static bool is_start_of(const tl_variable *variable, const tl_variable *output) 
     char wanted[2 * LONGEST];
     char end[LONGEST];
     bool is_found = false;
-    bool can_start = variable->type == TL_REAL && variable->has_start && variable->causality != TL_INPUT &&
-                     variable->variability != TL_CONSTANT && !variable->is_ambiguous;
+    bool can_start = variable->type == TL_REAL && output->type == TL_REAL && variable->has_start &&
+                     variable->causality != TL_INPUT && variable->variability != TL_CONSTANT && !variable->is_ambiguous;
     reduce(variable->name, name);
     reduce(output->name, end);
     for (size_t i = 0; i < sizeof words / sizeof words[0] && can_start; i++) {

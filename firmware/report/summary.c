@@ -81,14 +81,15 @@ static bool is_matched(const tl_config *config, size_t signal) {
 static const double MANY_LOST = 0.05; /* share of the steps: more are worth a warning */
 static const double OFTEN = 0.2;      /* share of the steps at a bound that explains a loss */
 
-/* Writes which matched or other signal had no good value in half of the samples or more; returns
+/* Writes which matched signal, or which other one of an input, had no good value in half of the samples or more; returns
  * false if none. */
 static bool describe_bad_signal(const tl_summary *summary, const tl_config *config, bool matched,
                                 char text[TL_ERROR_TEXT]) {
     char what[TL_CONFIG_DESCRIPTION];
     for (size_t i = 0; i < config->signal_count; i++) {
         uint32_t quality = summary->rejected[i].quality;
-        if (is_matched(config, i) == matched && summary->samples > 0 && 2 * summary->not_good[i] >= summary->samples &&
+        bool counts = matched ? is_matched(config, i) : config->signals[i].feeds && !is_matched(config, i);
+        if (counts && summary->samples > 0 && 2 * summary->not_good[i] >= summary->samples &&
             quality <= TL_LAST_QUALITY) {
             tl_config_describe_quality(config, i, summary->rejected[i].value, (tl_quality)quality,
                                        summary->rejected[i].age, what);
@@ -131,9 +132,8 @@ static void describe_error(const tl_summary *summary, const tl_config *config, c
         double share = (double)summary->at_bound[i] / (double)(summary->figures.adjust[i].count + 1);
         if (share > OFTEN && used < TL_ERROR_TEXT) {
             (void)snprintf(text + used, TL_ERROR_TEXT - used,
-                           "; %.64s was at a bound, %g or %g, in %.0f %% of the steps: widen min and max, if the plant "
-                           "can have more",
-                           adjust->variable, adjust->lower, adjust->upper, 100.0 * share);
+                           "; %.64s was at min or max in %.0f %% of the steps: widen them, if the plant can have more",
+                           adjust->variable, 100.0 * share);
             return;
         }
     }
@@ -632,7 +632,8 @@ static void print_suspects(const printing *page) {
     size_t used = 0;
     for (size_t i = 0; i < page->config->signal_count && used < sizeof names; i++) {
         const tl_config_signal *signal = &page->config->signals[i];
-        if (signal->feeds && signal->of == i) {
+        if (signal->feeds && signal->of == i &&
+            used + strlen(signal->plan.name) + sizeof ", plant., …" < sizeof names) {
             used += (size_t)snprintf(names + used, sizeof names - used, "%splant.%s", used > 0 ? ", " : "",
                                      signal->plan.name);
         }

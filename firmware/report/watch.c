@@ -276,6 +276,12 @@ static void watch_starts(tl_watch *watch, int64_t tick, const tl_record *record)
                          "the FMUs start again before step %lld, with the first good values of the plant",
                          (long long)record->step);
     }
+    if (found->evaluations != 0 && !isfinite(found->after)) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "start values not found in the first %u steps: %s", (unsigned)watch->config->find_steps,
+                         isnan(found->after) ? "no matched signal was good" : "an FMU failed with all values tried");
+        return;
+    }
     for (size_t i = 0; i < watch->config->find_count && found->evaluations != 0; i++) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
                          "start value found: %s = %.6g (%u runs of the first %u steps: error %.3g -> %.3g tolerances)",

@@ -384,7 +384,7 @@ static outcome check_right(tl_activation *self) {
         if (strcmp(verdict->change[i].path, "name") == 0) {
             report_step(
                 self, TL_CONTROL_VALIDATE,
-                "the run is called %s, the configuration %s: if it is another twin's, give the --control of its run",
+                "the run is called %s, the configuration %s: the names differ; for another twin, give its --control",
                 verdict->change[i].before, verdict->change[i].after);
         }
     }

@@ -566,7 +566,7 @@ static tl_status check_header(const unsigned char header[HEADER], int64_t size, 
     }
     if (!is_sqlite) {
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
-                                  "%s: is no twinlock database, no SQLite file: give a run's .db, or a new name", path);
+                                  "%s: is not an SQLite file (expected the .db of a run, or a new name)", path);
     }
     if (!is_ours) {
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
@@ -676,9 +676,9 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
         int number = errno;
         tl_status status = number == ENOENT || number == ENOTDIR ? TL_BAD_DATA : TL_TRY_AGAIN;
         char other[TL_OTHER_CASE_TEXT];
-        status =
-            tl_database_refuse(tl_database_fault_of_errno(number), error, status, "%s: %s%s%s", path, strerror(number),
-                               tl_other_case(path, other), write ? "" : ": `run` and `replay` write one with --db");
+        status = tl_database_refuse(tl_database_fault_of_errno(number), error, status, "%s: %s%s%s", path,
+                                    strerror(number), tl_other_case(path, other),
+                                    write || number != ENOENT ? "" : ": `run` and `replay` write one with --db");
         return write || number != EACCES ? status : name_group(status, error);
     }
     if (!S_ISREG(file.st_mode)) {

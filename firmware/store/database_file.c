@@ -118,8 +118,8 @@ static tl_status fail_impossible(const tl_database_lock *lock, const char *datab
             lock->path);
     }
     return tl_database_refuse(tl_database_fault_of_errno(reason), error, TL_TRY_AGAIN,
-                              "%s: its lock %s cannot be created: %s: the user may not write in its folder", database,
-                              lock->path, strerror(reason));
+                              "%.200s: its lock cannot be created: %s%s", database, strerror(reason),
+                              reason == EACCES || reason == EPERM ? ": the user may not write in its folder" : "");
 }
 
 tl_status tl_database_lock_take(const char *database, tl_time patience, tl_database_lock *lock, tl_error *error) {

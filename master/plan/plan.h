@@ -243,7 +243,7 @@ typedef struct tl_plan_measure {
 
 /* Most steps in which start values are found; and for n values, the most times that they are
  * executed for it. */
-enum { TL_FIND_STEPS = 10000, TL_FIND_ROUNDS = 10, TL_FIND_TRIES = 4 };
+enum { TL_FIND_STEPS = 2000, TL_FIND_ROUNDS = 10, TL_FIND_TRIES = 4 };
 #define TL_FIND_RUNS(n) (2 + TL_FIND_ROUNDS * ((n) + TL_FIND_TRIES))
 
 /* Default number of evaluations in a plan and in a budget. */

@@ -32,6 +32,7 @@ typedef struct tl_copied_start {
 /* A start value that is found. */
 typedef struct tl_found_start {
     tl_start_value *start;
+    double guess; /* that the search begins with, unless a signal has the value */
     double lower, upper;
 } tl_found_start;
 

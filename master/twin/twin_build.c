@@ -309,8 +309,21 @@ static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     }
 }
 
-/* The start values to be found. */
-static void check_found(const tl_twin *twin, const tl_plan *plan, tl_report *report) {
+/* Each step sets an adjusted variable, so its start value has no effect. `variable` may be NULL. */
+static void report_adjusted(const tl_twin *twin, const tl_plan *plan, const tl_variable *variable, size_t node,
+                            const char *where, tl_report *report) {
+    for (size_t i = 0; i < plan->adjust_count && variable != NULL; i++) {
+        const tl_port *port = twin->adjust_ports[i];
+        if (port != NULL && port->node == node && port->variable == variable) {
+            tl_report_add(report, TL_BAD_DATA, where,
+                          "%s is adjusted, so it has no start value: remove it here, or in \"adjust\"",
+                          plan->adjust[i].variable);
+        }
+    }
+}
+
+/* Start values that are found or copied. */
+static void check_starts(const tl_twin *twin, const tl_plan *plan, tl_report *report) {
     size_t weighted = 0;
     for (size_t i = 0; i < plan->match_count; i++) {
         weighted += plan->match[i].weight > 0.0 ? 1 : 0;
@@ -321,7 +334,16 @@ static void check_found(const tl_twin *twin, const tl_plan *plan, tl_report *rep
     }
     for (size_t i = 0; i < plan->find_count; i++) {
         size_t node = 0;
-        (void)tl_graph_found_start(&twin->graph, &plan->find[i], &node, report);
+        const tl_variable *variable = tl_graph_found_start(&twin->graph, &plan->find[i], &node, report);
+        report_adjusted(twin, plan, variable, node, plan->find[i].where, report);
+    }
+    for (size_t k = 0; k < plan->component_count; k++) {
+        const tl_plan_component *component = &plan->components[k];
+        for (size_t i = 0; i < component->set_count; i++) {
+            const tl_variable *variable = tl_model_variable(component->model, component->set[i].variable);
+            bool is_copied = component->set[i].value.type == TL_STRING && variable != NULL && variable->type == TL_REAL;
+            report_adjusted(twin, plan, is_copied ? variable : NULL, k, component->set[i].where, report);
+        }
     }
 }
 
@@ -341,7 +363,7 @@ static bool build_structure(tl_twin *twin, const tl_plan *plan, tl_synchroniser_
     build_solvers(twin, plan, synchroniser, report);
     tl_graph_check_inputs(&twin->graph, report);
     build_horizon(twin, plan, &synchroniser->horizon, report);
-    check_found(twin, plan, report);
+    check_starts(twin, plan, report);
     check_event(twin, plan, synchroniser->solver, report);
     if (plan->adjust_count != 0) {
         check_state(plan, report);

@@ -62,6 +62,7 @@ static void place_found(tl_twin *twin, const tl_plan *plan, size_t component, tl
         if (!variable->has_start) {
             found->start->value.real = (found->lower + found->upper) / 2;
         }
+        found->guess = found->start->value.real;
     }
 }
 
@@ -127,6 +128,9 @@ tl_status tl_start_values_begin(tl_twin *twin, int64_t step, const tl_sample *sa
     tl_start_values *starts = &twin->starts;
     tl_status status = TL_OK;
     starts->waits = false;
+    for (size_t i = 0; i < starts->found_count; i++) {
+        starts->found[i].start->value.real = starts->found[i].guess;
+    }
     for (size_t i = 0; i < starts->copied_count; i++) {
         tl_copied_start *copied = &starts->copied[i];
         copied->is_known = copied->is_known || is_good(sample, copied->signal);
@@ -353,7 +357,7 @@ static double rms_of(const tl_start_values *starts, double sum) {
     for (size_t i = 0; i < starts->steps * starts->terms; i++) {
         count += isnan(starts->measured[i]) ? 0 : 1;
     }
-    return count == 0 ? 0.0 : sqrt(sum / (double)count);
+    return sqrt(sum / (double)count); /* NaN: nothing was measured */
 }
 
 static tl_status find(tl_twin *twin, int64_t step, tl_record_found *found, tl_error *error) {

@@ -3,7 +3,7 @@
 `place`: object or key, and value, in one message. `cure`: one of these must be in the same message. "|" separates in both.
 `make(kit)` makes the mistake in a new folder and returns the commands in the order in which a user gives them.
 """
-import gzip
+import lzma
 import os
 import socket
 import zipfile
@@ -151,7 +151,7 @@ add(B, "zip without description", "components.motor|modelDescription.xml", "expo
     repacked(lambda name, data: None if name == "modelDescription.xml" else (name, data)))
 add(B, "min above max", "synchronise.adjust.motor.d.max|1|-1", "min < max|swap|exchange|more than min", text('"min": -1, "max": 1', '"min": 1, "max": -1'))
 add(B, "nominal outside the bounds", "synchronise.adjust.motor.d|0.0031|0.01", "widen|expected|inside|correct", text('"min": -1', '"min": 0.01'))
-add(B, "signal's unit is another", "plant.omega|1/min|rad/s", "scale", text('"unit": "rad/s"', '"unit": "1/min"'))
+add(B, "signal's unit is another", "plant.omega|bar|rad/s", "scale", text('"unit": "rad/s"', '"unit": "bar"'))
 add(B, "step_s 0", "step_s|0", "1e-05|1e-5|0.00001", text('"step_s": 0.01', '"step_s": 0'))
 add(B, "step_s negative", "step_s|-0.01", "1e-05|1e-5|0.00001", text('"step_s": 0.01', '"step_s": -0.01'))
 add(B, "step_s 10 for 0.01", "step_s|10", "0.01|shorter|smaller|interval|0.0323", slow_steps)
@@ -320,9 +320,8 @@ add(D, "only a header", "monday.csv|no row|header", "record|give", replay(lambda
 add(D, "texts in a column", "plant.omega|ERROR", "number", replay(cells(1, lambda _: "ERROR")))
 add(D, "NaN everywhere", "plant.omega|not a number", "csv.column|check|number", replay(cells(1, lambda _: "NaN")))
 add(D, "empty column", "plant.omega|no value", "csv.column|check|number", replay(cells(1, lambda _: "")))
-add(D, "compressed", "monday.csv.gz|compressed", "gunzip|unpack|decompress|gzip -dc", replay(lambda rows: gzip.compress("\n".join(rows).encode()), "monday.csv.gz"))
+add(D, "compressed by xz", "monday.csv.xz|compressed", "xz -dc", replay(lambda rows: lzma.compress("\n".join(rows).encode()), "monday.csv.xz"))
 add(D, "a workbook", "monday.xlsx", "CSV", replay(lambda _: b"PK\x03\x04\x14\0\x06\0\x08\0" + bytes(3000), "monday.xlsx"))
-add(D, "UTF-16 recording", "monday.csv|UTF-16", "UTF-8", replay(lambda rows: "\n".join(rows).encode("utf-16")))
 add(D, "recording of another twin", "recording.csv|Q1", "csv.column|another recording", lambda kit: [["replay", kit.patch(LOCK, {}), "--recording", kit.config(TCLAB).with_name("recording.csv")]])
 add(D, "recording shorter than the horizon", "recording|61 ticks|108", "longer|prediction", replay(lambda rows: rows[:20], patches={"synchronise": {"horizon": {"prediction": 100}}}))
 add(D, "database of another twin", "tclab.db|plant.Q1|plant.torque", "configuration of|must be the same", other_database)

@@ -151,7 +151,7 @@ def messages(output):
     found, indent = [], 0
     for line in output.splitlines():
         own = len(line) - len(line.lstrip())
-        signal = re.match(r"plant\.(\w+)\.modbus: (likely|perhaps|several) ", line)
+        signal = re.match(r"plant\.(\w+)\.modbus: (likely|perhaps|cannot be told)", line)
         rows = [i for i, message in enumerate(found) if signal and message.split()[:1] == [signal[1]]]
         if found and indent and own > indent and found[-1] and line.strip():
             found[-1] += " " + line.strip()

@@ -121,7 +121,6 @@ def refused(code, parts, *arguments):
 
 def test_wrong_options_and_recordings():
     folder = scratch()
-    refused(BAD_USAGE, "--json|--recording", "--json")
     refused(BAD_USAGE, "--run|--recording", "--run", "1")
     refused(BAD_USAGE, f"{RECORDING}|run 1|--run", "--recording", RECORDING, "--run", "1")
     refused(BAD_DATA, "none.csv|No such file", "--recording", folder / "none.csv")

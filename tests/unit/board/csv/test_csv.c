@@ -484,6 +484,39 @@ static void test_a_long_utf_16_file(void) {
     free(text);
 }
 
+static size_t put_unit(char *wide, size_t at, unsigned unit) {
+    wide[at] = (char)(unit & 0xFF);
+    wide[at + 1] = (char)(unit >> 8);
+    return at + 2;
+}
+
+/* A pair whose halves lie in two readings of 16 KiB, then as many characters of three bytes as fit. */
+static void test_the_most_bytes_of_utf_16(void) {
+    enum { CHUNK = 16384, UNITS = CHUNK / 2 };
+    static char wide[3 * CHUNK];
+    static const char head[] = "time,u,v,w\n0,1,2,";
+    static const char tail[] = "\n1,3,4,x\n";
+    size_t at = put_unit(wide, 0, 0xFEFF);
+    for (size_t i = 0; i < sizeof head - 1; i++) {
+        at = put_unit(wide, at, (unsigned char)head[i]);
+    }
+    while (at < CHUNK - 2) {
+        at = put_unit(wide, at, 'a');
+    }
+    at = put_unit(wide, at, 0xD83D);
+    at = put_unit(wide, at, 0xDE00);
+    for (size_t i = 0; i < UNITS - 1; i++) {
+        at = put_unit(wide, at, 0x20AC);
+    }
+    for (size_t i = 0; i < sizeof tail - 1; i++) {
+        at = put_unit(wide, at, (unsigned char)tail[i]);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_OK, open_bytes(wide, at));
+    expect_row(0, 1, 2);
+    expect_row(TL_SECOND, 3, 4);
+    expect_end();
+}
+
 /* The live source does not decode: a program appends to its file. */
 static void test_kinds_that_the_live_source_refuses(void) {
     const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = UV, .column_count = 2};
@@ -543,7 +576,10 @@ static void test_files_that_do_not_follow(void) {
 }
 
 static void test_a_bad_file_of_a_folder(void) {
-    static const char *const bad[][2] = {{"", "b.csv|empty"}, {"time,u\n", "b.csv, line 1|\"v\""}};
+    static const char *const bad[][2] = {{"", "b.csv|empty"},
+                                         {"time,u\n", "b.csv, line 1|\"v\""},
+                                         {"time,u,v\nms,,\n5,3,4\n", "b.csv|form or unit"},
+                                         {"time,u,v\n2026-01-01T00:00:05Z,3,4\n", "b.csv|form or unit"}};
     put_file("a.csv", "time,u,v\n0,1,2\n");
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         put_file("b.csv", bad[i][0]);
@@ -754,6 +790,7 @@ int main(void) {
     RUN_TEST(test_utf_16);
     RUN_TEST(test_utf_16_beyond_ascii);
     RUN_TEST(test_a_long_utf_16_file);
+    RUN_TEST(test_the_most_bytes_of_utf_16);
     RUN_TEST(test_kinds_that_the_live_source_refuses);
     RUN_TEST(test_files_in_the_order_of_their_names);
     RUN_TEST(test_files_that_do_not_follow);

@@ -526,7 +526,7 @@ static void test_start_values(void) {
     tl_test_judge_text(text, strlen(text), &verdict);
     const tl_config *config = &verdict.config;
     TEST_ASSERT_EQUAL_size_t(1, config->find_count);
-    TEST_ASSERT_EQUAL_UINT32(3000, config->find_steps);
+    TEST_ASSERT_EQUAL_UINT32(1000, config->find_steps);
     TEST_ASSERT_EQUAL_STRING("motor.omega_start", config->find[0].variable);
     TEST_ASSERT_EQUAL_STRING("synchronise.start.find.motor.omega_start", config->find[0].where);
     TEST_ASSERT_EQUAL_DOUBLE(-10.0, config->find[0].lower);
