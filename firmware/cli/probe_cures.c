@@ -531,6 +531,8 @@ static bool find_link(cure_search *self) {
 
 /* ---- proposals ---- */
 
+static void add_key(char text[TL_PROBE_CURE], const char *format, ...) TL_PRINTF(2, 3);
+
 static void add_key(char text[TL_PROBE_CURE], const char *format, ...) {
     const size_t used = strlen(text);
     va_list arguments;

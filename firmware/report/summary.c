@@ -81,8 +81,8 @@ static bool is_matched(const tl_config *config, size_t signal) {
 static const double MANY_LOST = 0.05; /* share of the steps: more are worth a warning */
 static const double OFTEN = 0.2;      /* share of the steps at a bound that explains a loss */
 
-/* Writes which matched signal, or which other one of an input, had no good value in half of the samples or more; returns
- * false if none. */
+/* Writes which matched signal, or which other one of an input, had no good value in half of the
+ * samples or more; returns false if none. */
 static bool describe_bad_signal(const tl_summary *summary, const tl_config *config, bool matched,
                                 char text[TL_ERROR_TEXT]) {
     char what[TL_CONFIG_DESCRIPTION];
