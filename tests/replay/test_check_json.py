@@ -30,7 +30,7 @@ def test_the_facts_are_those_of_the_page():
     expect(said["warnings"] == [] and said["determinism"] == "same" and said["determinism_text"] == "", f"{said}")
     expect(list(said["components"]) == ["drive", "motor"], f"{said['components']}")
     for name, component in said["components"].items():
-        expect(re.search(rf"  {name} .*\n? *rolled back by its {component['rollback']}", page), f"{name}: {component}")
+        expect(re.search(rf"  {name} .*\n? *(rolled back by its {component['rollback']}|can save its state)", page), f"{name}: {component}")
         expect(component["keep"] in ("states", "none") and 0 < component["execution_s"] < 1, f"{component}")
     expect(said["connections"] == [["plant.torque", "motor.M_w"], ["drive.u_R", "motor.I_in"], ["motor.omega", "drive.y"]],
            f"{said['connections']}")
