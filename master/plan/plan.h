@@ -304,7 +304,7 @@ typedef struct tl_plan {
     /* Converts between units with names that FMI's definitions do not convert (units.h). False: they
      * have no conversion. NULL: there are none. */
     bool (*convert_units)(const tl_unit *from, const tl_unit *to, tl_conversion *conversion);
-    size_t (*heap)(void);    /* returns the bytes allocated in this process, to measure states; NULL: not known */
+    size_t (*heap)(void); /* returns the bytes allocated in this process, to measure states; NULL: not known */
     tl_time (*now)(
         void *clock); /* monotonic clock, ns, to choose the faster rollback method (sync/proof.h); NULL: no choice */
 } tl_plan;

@@ -70,7 +70,8 @@ typedef enum tl_flag {
     TL_FLAG_REFUSED = 512,        /* candidates of this step could not be evaluated (tl_record_refused) */
     TL_FLAG_NOT_FINITE = 1024,    /* an output of an FMU was not finite (bad_outputs) */
     TL_FLAG_RELEASED_SLOW = 2048, /* after this step the released twins ended (TL_RELEASED_SLOW) */
-    TL_FLAG_STARTS = 4096, /* with TL_FLAG_RESET: the twin itself reset the FMUs, for start values of the plant (`found`) */
+    TL_FLAG_STARTS =
+        4096, /* with TL_FLAG_RESET: the twin itself reset the FMUs, for start values of the plant (`found`) */
     TL_LAST_FLAG = TL_FLAG_STARTS
 } tl_flag;
 
