@@ -24,7 +24,7 @@ tl_status tl_csv_file_open(const char *path, tl_csv_file **file, tl_error *error
 tl_status tl_csv_file_read(tl_csv_file *file, const char *path, char *bytes, size_t room, size_t *count,
                            tl_error *error);
 
-/* True if the file is regular, so the next row can be awaited. */
+/* True for a regular file: reading ahead does not block. */
 bool tl_csv_file_is_regular(const tl_csv_file *file);
 
 /* How the bytes read so far are written, for messages: "gzip", "UTF-16", "gzip, UTF-16" or "". */

@@ -1,4 +1,4 @@
-/* Results of `twinlock check --json`: the facts of the page (check_page.h) as a JSON object.
+/* Results of `twinlock check --json`: the main facts of the page (check_page.h) as a JSON object.
  *
  * Thread:  the one that calls the FMUs.
  */

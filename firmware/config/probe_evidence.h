@@ -20,8 +20,8 @@
 /* Of NaN, or another content by which a device says that it has no value. */
 #define TL_PROBE_NO_VALUE (-0.5)
 
-/* Returns the evidence of these registers, decoded by `channel`. 0: they prove nothing; at least
- * TL_PROBE_ABSURD. `at_start`: all signals of the plant are near their start values. */
+/* Returns the evidence of these registers, decoded by `channel`. 0: they prove nothing; lowest for
+ * values far outside their limits. `at_start`: all signals of the plant are near their start values. */
 double tl_probe_evidence(const tl_config_signal *signal, const tl_modbus_channel *channel, const uint16_t *registers,
                          bool at_start);
 

@@ -146,7 +146,7 @@ static tl_status refused(tl_twin *twin, tl_status status) {
 tl_status tl_twin_save(tl_twin *twin, unsigned char *bytes, size_t capacity, size_t *size, tl_error *error) {
     int64_t newest = twin->exchange.plant.newest;
     *size = 0;
-    if (twin->ended != TL_OK || newest < twin->begin || twin->starts.searches ||
+    if (twin->ended != TL_OK || newest < twin->begin || (twin->starts.searches && !twin->starts.waits) ||
         !tl_exchange_can_take(&twin->exchange)) {
         return TL_OK;
     }
