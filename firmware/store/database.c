@@ -565,8 +565,10 @@ static tl_status check_header(const unsigned char header[HEADER], int64_t size, 
                                   "%s: is not a twinlock database: it has only %lld bytes", path, (long long)size);
     }
     if (!is_sqlite) {
-        return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
-                                  "%s: is not an SQLite file (expected the .db of a run, or a new name)", path);
+        return tl_database_refuse(
+            TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
+            "%s: is not a twinlock database: it is not an SQLite file (expected the .db of a run, or a new name)",
+            path);
     }
     if (!is_ours) {
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
