@@ -21,7 +21,8 @@
 #define TL_PROBE_NO_VALUE (-0.5)
 
 /* Returns the evidence of these registers, decoded by `channel`. 0: they prove nothing; lowest for
- * values far outside their limits. `at_start`: all signals of the plant are near their start values. */
+ * values far outside their limits. `at_start`: all signals of the plant are near their start
+ * values. */
 double tl_probe_evidence(const tl_config_signal *signal, const tl_modbus_channel *channel, const uint16_t *registers,
                          bool at_start);
 

@@ -567,8 +567,7 @@ static tl_status check_header(const unsigned char header[HEADER], int64_t size, 
     if (!is_sqlite) {
         return tl_database_refuse(
             TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
-            "%s: is not a twinlock database: it is not an SQLite file (expected the .db of a run, or a new name)",
-            path);
+            "%s: is not a twinlock database, not SQLite (expected the .db of a run, or a new name)", path);
     }
     if (!is_ours) {
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
