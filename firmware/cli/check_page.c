@@ -209,29 +209,37 @@ static const char *describe_rollback(const tl_fmu *fmu, const tl_plan_component 
     return component->model->capabilities.can_get_and_set_state ? "can save its state" : "cannot save its state";
 }
 
-/* The unit of "component.variable" or "plant.signal"; "": none. */
-static tl_unit unit_of(const tl_assembly *assembly, const char *name) {
-    size_t signal = tl_config_signal_of(&assembly->config, name);
-    const char *unit = signal != SIZE_MAX ? assembly->config.signals[signal].plan.unit : NULL;
-    tl_unit found = {.name = unit != NULL ? unit : ""};
-    for (size_t i = 0; i < assembly->plan.component_count && signal == SIZE_MAX; i++) {
+/* The component of "component.variable"; NULL for a signal of the plant. */
+static const tl_plan_component *component_of(const tl_assembly *assembly, const char *name) {
+    for (size_t i = 0; i < assembly->plan.component_count; i++) {
         const tl_plan_component *component = &assembly->plan.components[i];
         size_t length = strlen(component->name);
-        bool is_in = strncmp(name, component->name, length) == 0 && name[length] == '.';
-        const tl_variable *variable = is_in ? tl_model_variable(component->model, name + length + 1) : NULL;
-        found = variable != NULL && variable->unit != NULL ? *variable->unit : found;
+        if (strncmp(name, component->name, length) == 0 && name[length] == '.') {
+            return component;
+        }
     }
-    for (size_t i = 0; i < assembly->plan.component_count && !found.has_base; i++) {
-        const tl_unit *known = tl_model_unit(assembly->plan.components[i].model, found.name);
-        found = known != NULL ? *known : found;
+    return NULL;
+}
+
+/* The unit of "component.variable" or "plant.signal"; name "": none. The FMU of `peer`, on the other
+ * side, defines the unit of a signal. */
+static tl_unit unit_of(const tl_assembly *assembly, const char *name, const char *peer) {
+    const tl_plan_component *own = component_of(assembly, name);
+    const tl_plan_component *other = component_of(assembly, peer);
+    const tl_unit *unit = own != NULL ? tl_model_variable(own->model, name + strlen(own->name) + 1)->unit : NULL;
+    size_t signal = tl_config_signal_of(&assembly->config, name);
+    tl_unit found = {.name = ""};
+    if (own == NULL && other != NULL && signal != SIZE_MAX && assembly->config.signals[signal].plan.unit != NULL) {
+        found.name = assembly->config.signals[signal].plan.unit;
+        unit = tl_model_unit(other->model, found.name);
     }
-    return found;
+    return unit != NULL ? *unit : found;
 }
 
 /* In the line of a connection or match: " (bar → Pa: × 100000)" if the units differ. */
 static void print_conversion(const tl_assembly *assembly, const char *from, const char *to, FILE *output) {
-    const tl_unit source = unit_of(assembly, from);
-    const tl_unit target = unit_of(assembly, to);
+    const tl_unit source = unit_of(assembly, from, to);
+    const tl_unit target = unit_of(assembly, to, from);
     tl_conversion conversion;
     bool is_known =
         tl_units_convert(&source, &target, &conversion) || tl_common_units_convert(&source, &target, &conversion);
