@@ -221,8 +221,8 @@ static const tl_plan_component *component_of(const tl_assembly *assembly, const 
     return NULL;
 }
 
-/* The unit of "component.variable" or "plant.signal"; name "": none. The FMU of `peer`, on the other
- * side, defines the unit of a signal. */
+/* The unit of "component.variable" or "plant.signal"; name "": none. The FMU of `peer`, on the
+ * other side, defines the unit of a signal. */
 static tl_unit unit_of(const tl_assembly *assembly, const char *name, const char *peer) {
     const tl_plan_component *own = component_of(assembly, name);
     const tl_plan_component *other = component_of(assembly, peer);
